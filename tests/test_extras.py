@@ -49,14 +49,6 @@ def test_modules_import_what_is_declared():
             assert found & (CORE if at_top else CORE | lent), f"{path.name} imports {library}"
 
 
-def test_an_interactive_report_without_its_library_names_the_extra(monkeypatch):
-    from scan2flex_jax.reporting import require_libraries
-
-    monkeypatch.setitem(sys.modules, "plotly", None)
-    with pytest.raises(Scan2FlexError, match=r"scan2flex_jax\[report\]"):
-        require_libraries()
-
-
 @pytest.mark.parametrize("library", ["xarray", "zarr", "distributed"])
 def test_a_sweep_without_a_library_names_the_extra(monkeypatch, tmp_path, library):
     from scan2flex_jax.sweep import Output, Task, grid, sweep

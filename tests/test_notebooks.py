@@ -121,7 +121,7 @@ CLAIMS = {
 }
 
 NEEDS = {
-    "weights-on-a-soft-arm": "SOFT_ARM names no clones of PAC_model_matlab and floating_PAC_model (github.com/sebtiburzio)",
+    "weights-on-a-soft-arm": "SOFT_ARM names no clones of PAC_model_matlab and floating_PAC_model (github.com/sebtiburzio)"
 }
 """Notebooks that read measurements which do not come with the project, and what to say without them."""
 LINK = re.compile(r"\]\(([^)#:\s]+)(?:#[^)\s]*)?\)")
@@ -136,7 +136,7 @@ def test_each_notebook_has_its_claims():
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_is_stored_as_executed(path):
+def test_is_stored_as_executed_without_paths_of_a_machine(path):
     notebook = nbformat.read(path, as_version=4)
     nbformat.validate(notebook)
     assert path.stat().st_size < 400_000
@@ -145,18 +145,9 @@ def test_is_stored_as_executed(path):
     assert [cell.execution_count for cell in code] == list(range(1, len(code) + 1))
     assert not any(output.output_type == "error" or output.get("name") == "stderr" for output in outputs(notebook))
     assert any("image/png" in output.get("data", {}) for output in outputs(notebook))
-
-
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_shows_no_path_of_a_machine(path):
-    notebook = nbformat.read(path, as_version=4)
     shown = [output.get("text", "") + str(output.get("data", {}).get("text/plain", "")) for output in outputs(notebook)]
     assert not A_PATH.search("\n".join([cell.source for cell in notebook.cells] + shown))
-
-
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_links_lead_somewhere(path):
-    text = "\n".join(cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "markdown")
+    text = "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "markdown")
     assert [target for target in LINK.findall(text) if not (path.parent / target).exists()] == []
 
 

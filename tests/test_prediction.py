@@ -10,29 +10,16 @@ from scan2flex_jax.cli.app import app
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.prediction import posed, predict
 from scan2flex_jax.study import Clamp, load_study
+from tests.outputs.scenes import ALONG_X, HEAD
 
-EI, MASS, G = 0.1, 0.2, 9.81
-ALONG_X = [0.7071067811865476, 0.0, 0.7071067811865476, 0.0]
-KNOWN = f"""
-format = "scan2flex-study/1"
-title = "Known hose"
-gravity = [0.0, 0.0, -{G}]
-[cable]
-length = 1.0
-length_density = {MASS}
-bending_stiffness = {EI}
-torsional_stiffness = 0.25
-[[pose]]
-name = "sag"
-role = "fit"
-start = {{ position = [0.0, 0.0, 0.0], quaternion = {ALONG_X} }}
-"""
+EI, MASS, G = 0.1, 0.2, 9.81  # those of `HEAD`
+POSE = f'[[pose]]\nname = "sag"\nrole = "fit"\nstart = {{ position = [0.0, 0.0, 0.0], quaternion = {ALONG_X} }}\n'
 
 
 @pytest.fixture
 def folder(tmp_path):
     (tmp_path / "hose").mkdir()
-    (tmp_path / "hose" / "study.toml").write_text(KNOWN)
+    (tmp_path / "hose" / "study.toml").write_text(HEAD + POSE)
     return tmp_path / "hose"
 
 

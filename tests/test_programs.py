@@ -1,9 +1,11 @@
-"""Programs kept between processes: found by what they were traced from, computing the same, and never another's."""
+"""Programs kept between processes: found by what they were traced from, computing the same, and never another's; and forgotten
+before they crash their own."""
 
 import os
 import subprocess
 import sys
 from functools import partial
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -11,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scan2flex_jax import programs
+from scan2flex_jax import compilation, programs
 from scan2flex_jax.examples import example_path
 from scan2flex_jax.rod import energy
 
@@ -30,6 +32,7 @@ class Foreign(eqx.Module):
 
 
 TRACED = []
+MAPPED = Path("/proc/self/maps")
 
 
 def scaled(x, by, more=None):
@@ -133,3 +136,22 @@ def test_a_second_command_traces_nothing_and_answers_the_same(tmp_path):
         kept.append({p.name: p.stat().st_mtime_ns for p in (tmp_path / "cache").glob("program-*")})
     assert answers[0] == answers[1]
     assert len(kept[0]) >= 4 and kept[0] == kept[1]
+
+
+@pytest.mark.skipif(not MAPPED.exists(), reason="memory mappings are counted on Linux only")
+def test_what_is_forgotten_gives_its_mappings_back_and_is_compiled_anew():
+    @compilation.compiled
+    def power(x, n):
+        for _ in range(10):
+            x = jnp.sin(x) @ x + n
+        return x
+
+    def mappings():
+        return len(MAPPED.read_bytes().splitlines())
+
+    before = mappings()
+    found = [power(jnp.ones((3, 3)), n) for n in range(6)]
+    held = mappings() - before
+    assert compilation.make_room(full=0.0)
+    assert mappings() - before < 0.2 * held
+    assert jnp.array_equal(power(jnp.ones((3, 3)), 5), found[5])

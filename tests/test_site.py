@@ -1,4 +1,4 @@
-"""The site: every page is in its contents, its reference has the public names, and the package is cited as it is."""
+"""The site and the README: contents, tables of benchmarks, reference of public names and citation are those of the package."""
 
 import ast
 import importlib.util
@@ -8,6 +8,7 @@ import tomllib
 import pytest
 
 import scan2flex_jax
+from benchmarks import tables
 from tests.documents import DOCS, PAGES, ROOT
 
 CONTENTS = (ROOT / "mkdocs.yml").read_text("utf-8").partition("\nnav:\n")[2]
@@ -67,3 +68,16 @@ def test_the_citation_is_of_this_version():
     assert told["version"] == scan2flex_jax.__version__
     assert "name: scan2flex_jax developers" in CITATION
     assert f"## {told['version']}" in (ROOT / "CHANGELOG.md").read_text("utf-8")
+
+
+@pytest.mark.parametrize("page", tables.PAGES, ids=lambda page: page.name)
+def test_tables_are_up_to_date(page):
+    text = page.read_text()
+    assert re.findall(r"<!-- table:([a-z]+) -->", text) == list(tables.PAGES[page])
+    assert text == tables.filled(text, tables.PAGES[page]), "run `python -m benchmarks.tables`"
+
+
+def test_the_readme_is_short_and_gives_the_answer_first():
+    text = tables.README.read_text()
+    assert len(text.splitlines()) <= 150
+    assert text.index("table:answer") < text.index("## How to take the poses")

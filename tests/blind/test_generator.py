@@ -1,4 +1,4 @@
-"""The independent rod against shooting and collocation by scipy, Euler's column, and its own invariants.
+"""The independent rod against collocation by scipy and its own invariants; the chain that remembers in closed form.
 
 Symbols: L (m) length, EI and GJ (N m^2), rhoA (kg/m); a state is `(r, q, n, m)` in world axes.
 """
@@ -7,14 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_bvp, solve_ivp
-from scipy.optimize import brentq
 
 from benchmarks.blind import design, effects, rod
 from benchmarks.blind import quaternions as qt
+from benchmarks.blind.hysteresis import SEGMENTS, Chain, Dahl, Grip, hanging
 from benchmarks.blind.scene import Cable, interpolate, mesh
+from tests.reference import cantilever, cosserat_bvp, rotations
 
 E1, E3 = np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
+GRIP = Grip(0.45, 0.05, 0.5)
 CABLE = Cable(length=1.0, radius=0.004, density=0.1, bending=0.03, torsion=0.02)
 
 
@@ -48,63 +49,22 @@ def poses():
     return solved(CABLE, twisted())
 
 
-def test_heavy_cantilever_agrees_with_shooting(poses):
-    """`EI theta'' = rhoA g (L - s) cos theta` (theta below the horizontal), theta(0) = 0, theta'(L) = 0."""
+def test_heavy_cantilever_agrees_with_collocation(poses):
     _, _, y = poses
-    weight = CABLE.density * 9.81 / CABLE.bending
-
-    def path(slope):
-        def rhs(s, x):
-            return [x[1], -weight * (1 - s) * np.cos(x[0]), np.cos(x[0]), -np.sin(x[0])]
-
-        return solve_ivp(rhs, (0, 1), [0, slope, 0, 0], rtol=1e-12, atol=1e-14).y[:, -1]
-
-    tip = path(brentq(lambda slope: path(slope)[1], 0, 40, xtol=1e-14))
-    assert np.allclose(y[1, -1, [0, 2]], tip[2:], atol=1e-5)  # the shooting rod is neither stretched nor sheared
+    tip = cantilever.positions(1.0, CABLE.bending, 9.81 * CABLE.density, 0.0, np.array([1.0]))[0]
+    assert np.allclose(y[1, -1, [0, 2]], tip[[0, 2]], atol=1e-5)  # the reference is neither stretched nor sheared
     assert np.allclose(y[1, -1, 1], 0, atol=1e-12)
 
 
-def test_twisted_pose_agrees_with_scipy_collocation(poses):
+def test_twisted_pose_agrees_with_collocation(poses):
     """All thirteen equations once more, written with rotation matrices and solved to 1e-9."""
     scene, F, y = poses
-    K = np.array([1 / CABLE.bending, 1 / CABLE.bending, 1 / CABLE.torsion])
-
-    def matrices(q):
-        w, a, b, c = q
-        return np.array(
-            [
-                [w * w + a * a - b * b - c * c, 2 * (a * b - w * c), 2 * (a * c + w * b)],
-                [2 * (a * b + w * c), w * w - a * a + b * b - c * c, 2 * (b * c - w * a)],
-                [2 * (a * c - w * b), 2 * (b * c + w * a), w * w - a * a - b * b + c * c],
-            ]
-        )
-
-    def rhs(s, x):
-        R, n, m = matrices(x[3:7]), x[7:10], x[10:]
-        strain = np.einsum("jik,jk->ik", R, n) / 1e5 + E3[:, None]
-        k = K[:, None] * np.einsum("jik,jk->ik", R, m)
-        dr, (w, a, b, c) = np.einsum("ijk,jk->ik", R, strain), x[3:7]
-        dq = 0.5 * np.array(
-            [
-                -a * k[0] - b * k[1] - c * k[2],
-                w * k[0] + b * k[2] - c * k[1],
-                w * k[1] + c * k[0] - a * k[2],
-                w * k[2] + a * k[1] - b * k[0],
-            ]
-        )
-        weight = np.array([0, 0, CABLE.density * 9.81])[:, None] + 0 * n
-        return np.concatenate([dr, dq, weight, -np.cross(dr.T, n.T).T])
-
-    goal, frame = scene.end[0][0], scene.end[1][0]
-
-    def ends(a, b):
-        held = np.concatenate([a[:3] - scene.start[0][0], a[3:7] - scene.start[1][0], b[:3] - goal])
-        return np.concatenate([held, qt.product(qt.conjugate(frame), b[3:7])[1:]])
-
-    exact = solve_bvp(rhs, ends, F.sigma, y[0].T, tol=1e-9, max_nodes=20000)
-    assert exact.success
-    assert np.abs(exact.sol(F.sigma)[:3].T - y[0, :, :3]).max() < 1e-6
-    assert np.abs(exact.sol(F.sigma)[10:].T - y[0, :, 10:]).max() < 1e-6
+    start, end = (rotations.matrix(frame[1][0]) for frame in (scene.start, scene.end))
+    K = np.array([CABLE.bending, CABLE.bending, CABLE.torsion])
+    held = cosserat_bvp.Clamped(1.0, K, 9.81 * CABLE.density, scene.end[0][0], end, start, compliance=np.full(3, 1e-5))
+    exact = cosserat_bvp.solve([held], y[0, :, :3])
+    assert np.abs(exact.positions(F.sigma) - y[0, :, :3]).max() < 1e-6
+    assert np.abs(exact.moments(F.sigma) - y[0, :, 10:]).max() < 1e-6
 
 
 def test_identities_between_effects(poses):
@@ -124,3 +84,27 @@ def test_identities_between_effects(poses):
     assert np.abs(tilted - shape([{"kind": "uniform_load", "force": CABLE.density * side}])).max() < 1e-12
     turned = shape([{"kind": "clamp_rotation", "rotation": [[0, 0, 0.8], [0, 0, 0.8]]}])
     assert np.abs(turned - y[..., :3]).max() < 1e-10
+
+
+@pytest.mark.parametrize("most", [0.5, 8.0])
+def test_the_area_of_a_steady_loop_is_that_of_dahls_law(most):
+    """Over a cycle z goes from -tanh(A/slip) to tanh(A/slip): the area is 4 share EI slip (A - slip tanh(A/slip))."""
+    law = Dahl(0.05, 0.6, 1.5)
+    expected = 4 * law.share * law.EI * law.slip * (most - law.slip * np.tanh(most / law.slip))
+    assert law.loop_area(most) == pytest.approx(expected, rel=2e-3)
+
+
+def test_a_chain_ends_at_its_clamp_in_balance():
+    chain = hanging(1.0, 1.0, Dahl(0.05, 0.6, 1.5), GRIP)
+    np.testing.assert_allclose(chain.points[-1], [0.45, 0.05], atol=1e-9)
+    again = chain.moved(GRIP)
+    np.testing.assert_allclose(again.points, chain.points, atol=1e-9)
+
+
+@pytest.mark.parametrize(("bending", "torsion"), [(1.0, 1.0), (2.0, 0.5)])
+def test_a_clamped_strut_leaves_its_plane_at_eulers_force(bending, torsion):
+    """4 pi^2 EI/L^2, whatever the torsional stiffness, here to the second order of 120 segments."""
+    strut = Chain(1.0, 0.0, Dahl(1.0, 0.0, 1.0), np.zeros(SEGMENTS), np.zeros(2))
+    euler = 4 * np.pi**2 * bending
+    for part, stays in ((-2.0, True), (0.9, True), (0.998, True), (1.002, False), (2.0, False)):
+        assert replace(strut, force=np.array([-part * euler, 0.0])).stays_plane(bending, torsion) is stays

@@ -2,7 +2,6 @@
 
 import io
 import json
-import os
 import subprocess
 import sys
 
@@ -10,54 +9,20 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from rich.console import Console
-from typer.testing import CliRunner
 
+import scan2flex_jax
 from scan2flex_jax import plot
 from scan2flex_jax.cli import setup
-from scan2flex_jax.cli.app import app
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.examples import example_names, example_path
+from tests.outputs import scenes
 
-STUDY = """
-format = "scan2flex-study/1"
-gravity = [0.0, 0.0, -9.81]
-
-[cable]
-length = 1.0
-length_density = 0.2
-bending_stiffness = 0.1
-torsional_stiffness = 0.25
-
-[[pose]]
-name = "sag"
-role = "fit"
-start = { position = [0.0, 0.0, 0.0], quaternion = [0.7071067811865476, 0.0, 0.7071067811865476, 0.0] }
-end = { position = [0.6, 0.0, 0.0], quaternion = [0.7071067811865476, 0.0, 0.7071067811865476, 0.0] }
-centre_curve = "sag.csv"
-"""
-
-
-def scan2flex(*arguments):
-    environment = {**os.environ, "SCAN2FLEX_CACHE": "off"}
-    command = [sys.executable, "-c", "from scan2flex_jax.cli import main; main()", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300, check=False)
+WIRE = example_path("black-wire")
 
 
 @pytest.fixture
 def folder(tmp_path):
-    s = np.linspace(0, 1, 30)
-    curve = np.column_stack([0.6 * s, 0 * s, -0.35 * np.sin(np.pi * s) ** 2])
-    np.savetxt(tmp_path / "sag.csv", curve, delimiter=",", header="x,y,z", comments="")
-    (tmp_path / "study.toml").write_text(STUDY)
-    return tmp_path
-
-
-@pytest.mark.parametrize("name", example_names())
-def test_check_describes_every_example(name):
-    found = CliRunner().invoke(app, ["check", str(example_path(name))])
-    assert found.exit_code == 0
-    assert "length_density" in found.output
-    assert "Poses" in found.output
+    return scenes.write_study(tmp_path)
 
 
 def _replace(folder, old, new):
@@ -68,7 +33,7 @@ def _replace(folder, old, new):
 
 UNKNOWN = "\n[unknown.bending_stiffness]\n[unknown.torsional_stiffness]\n[unknown.length_density]\n"
 BROKEN = {
-    "no curve": (lambda f: (f / "sag.csv").unlink(), "sag.csv"),
+    "no curve": (lambda f: (f / "pose-0.csv").unlink(), "pose-0.csv"),
     "misspelt": (lambda f: _replace(f, "length_density", "lenght_density"), "lenght_density"),
     "no pose to fit": (lambda f: _replace(f, 'role = "fit"', 'role = "validate"'), "fit"),
     "no gravity": (lambda f: (_replace(f, "-9.81", "0.0"), (f / "study.toml").open("a").write(UNKNOWN)), "gravity"),
@@ -80,20 +45,20 @@ BROKEN = {
 def test_bad_input_is_one_sentence(folder, fault):
     break_it, word = BROKEN[fault]
     break_it(folder)
-    found = CliRunner().invoke(app, ["fit", str(folder)])
+    found = scenes.run("fit", folder)
     assert isinstance(found.exception, Scan2FlexError) and word in str(found.exception)
     assert "\n" not in str(found.exception) and found.stdout == ""
 
 
 def test_bad_input_ends_the_program_with_code_two(folder):
     (folder / "study.toml").unlink()
-    found = scan2flex("fit", folder)
+    found = scenes.scan2flex("fit", folder)
     assert (found.returncode, found.stdout) == (2, "")
     assert "Traceback" not in found.stderr and "study.toml" in found.stderr
 
 
 def run(*words):
-    found = CliRunner().invoke(app, [str(word) for word in words], env={"SCAN2FLEX_CACHE": "off"})
+    found = scenes.run(*words)
     assert found.exit_code == 0, (found.exception, found.output)
 
 
@@ -164,7 +129,7 @@ def test_fit_and_explain_tell_their_progress(command, options, monkeypatch):
     monkeypatch.setattr("scan2flex_jax.inference.fit", told)
     monkeypatch.setattr("scan2flex_jax.inference.explain", told)
     name = example_names()[0]
-    found = CliRunner().invoke(app, [command, str(example_path(name)), *options], env={"SCAN2FLEX_CACHE": "off"})
+    found = scenes.run(command, example_path(name), *options)
     assert str(found.exception) == "enough"
     assert found.stderr.endswith(": iteration 1: cost 2\n") if not options else found.stderr == ""
 
@@ -201,10 +166,10 @@ def test_the_program_ends_with_its_answer_while_something_is_still_being_compile
 def test_several_studies_need_names_for_their_files(tmp_path):
     for folder in ("a/cable", "b/cable"):
         (tmp_path / folder).mkdir(parents=True)
-    found = CliRunner().invoke(app, ["fit", str(tmp_path / "a"), str(tmp_path / "b"), "--json", str(tmp_path / "out.json")])
+    found = scenes.run("fit", tmp_path / "a", tmp_path / "b", "--json", tmp_path / "out.json")
     assert "put {} where the study's name belongs" in str(found.exception)
-    same = [str(tmp_path / "a/cable"), str(tmp_path / "b/cable"), "--json", str(tmp_path / "{}.json")]
-    assert "two studies are called cable" in str(CliRunner().invoke(app, ["explain", *same]).exception)
+    same = scenes.run("explain", tmp_path / "a/cable", tmp_path / "b/cable", "--json", tmp_path / "{}.json")
+    assert "two studies are called cable" in str(same.exception)
 
 
 @pytest.mark.slow
@@ -212,8 +177,46 @@ def test_several_studies_need_names_for_their_files(tmp_path):
 def test_several_studies_and_one_that_is_refused(tmp_path, more):
     good = example_path("simulated-cable")
     (tmp_path / "bad").mkdir()
-    found = scan2flex("fit", tmp_path / "bad", good, "--json", tmp_path / "results" / "{}.json", "--quiet", *more)
+    found = scenes.scan2flex("fit", tmp_path / "bad", good, "--json", tmp_path / "results" / "{}.json", "--quiet", *more)
     assert found.returncode == 2 and "bad" in found.stderr and "Traceback" not in found.stderr
     assert "EI" in found.stdout and found.stdout.index(str(tmp_path / "bad")) < found.stdout.index(str(good))
     result = json.loads((tmp_path / "results" / f"{good.name}.json").read_text())
     assert result["estimates"]["bending_stiffness"]["value"] == pytest.approx(0.1, rel=0.01)
+
+
+def test_the_module_is_the_program_and_knows_its_version():
+    command = [sys.executable, "-m", "scan2flex_jax", "--version"]
+    found = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (found.returncode, found.stdout, found.stderr) == (0, f"scan2flex_jax {scan2flex_jax.__version__}\n", "")
+
+
+def test_json_on_standard_output_stands_there_alone(tmp_path):
+    done = scenes.scan2flex("check", WIRE, "--json", "-", cwd=tmp_path)
+    found = json.loads(done.stdout)
+    assert found["scan2flex_jax"] == scan2flex_jax.__version__
+    assert found["poses"].keys() == {"turn-0", "turn-360"} and "Poses: 1 to fit" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+    assert scenes.run("check", WIRE, "--json", "-").exit_code == 0
+    assert "Poses: 1 to fit" in scenes.run("check", WIRE).stdout  # the next command prints as ever
+
+
+def test_other_documents_on_standard_output_stand_there_alone():
+    for words in (("schema", "-o", "-"), ("pose", "--matrix", "1 0 0 0 0 1 0 0 0 0 1 0", "--json", "-")):
+        found = scenes.scan2flex(*words)
+        assert scan2flex_jax.__version__ in json.dumps(json.loads(found.stdout)) and found.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("fit", "nowhere", "--method", "newton"), "least-squares, bfgs, nelder-mead"),
+        (("fit", "nowhere", "--distance", "near"), "normal, integrated, hausdorff"),
+        (("export", "nowhere", "--to", "catia", "-o", "x"), "mujoco, pyelastica, usd"),
+        (("fit", "a", "b", "--json", "-"), "--json -"),
+        (("new", "nowhere", "--gravity", "down"), "is not 3 numbers"),
+        (("new", "nowhere", "--mass", "1 g", "--density", "1"), "leave one of --mass and --density out"),
+    ],
+)
+def test_options_that_cannot_be_used_are_refused_before_anything_is_read(words, said):
+    found = scenes.run(*words)
+    assert isinstance(found.exception, Scan2FlexError) and said in str(found.exception)

@@ -1,26 +1,21 @@
-"""What is said while a study is made: the mend that is meant, what was assumed, how much was scanned, where it was written."""
+"""What is said while a study is made: the mend that is meant, what was assumed, how much was scanned, in which order."""
 
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from scan2flex_jax.cli.app import app
 from scan2flex_jax.convert import measured, other_tangent
 from scan2flex_jax.convert.frames import clamp_of_matrix
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.examples import example_path
-from scan2flex_jax.study import Clamp, Study, Tolerance, describe, load_study, save_study, study_warnings
+from scan2flex_jax.study import Tolerance, load_study, save_study, study_warnings
 from scan2flex_jax.study.check import assumptions
 from scan2flex_jax.study.rotations import columns
+from tests.outputs.scenes import run
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
-
-
-def run(*words):
-    return CliRunner().invoke(app, [str(word) for word in words], env={"SCAN2FLEX_CACHE": "off"})
 
 
 def flanges(tangent):
@@ -120,35 +115,6 @@ def test_points_of_scans_are_counted(folder):
         assert sorted(map(int, re.findall(r"scan +\S+, (\d+) points in a box of", said))) == sorted(counts)
 
 
-def test_every_warning_of_a_pose_says_what_to_do(tmp_path):
-    study = load_study(example_path("simulated-cable"))
-    pose = study.pose("plane")
-    off = Clamp(pose.start.position, columns_rolled(pose.start.quaternion))
-    cut = replace(pose, start=off, curve=replace(pose.curve, points=pose.curve.points[5:]))
-    said = " ".join(study_warnings(replace(study, poses=(cut, *study.poses[1:]), cable={**study.cable, "length": 1.05})))
-    assert "scan up to the start clamp" in said
-    written = float(re.search(r"write clamp_rotation = (\S+) under \[tolerance\]", said)[1])
-    angle = float(re.search(r"meets the \w+ clamp (\S+) deg off the axis d3", said)[1])
-    assert written == pytest.approx(np.radians(angle), rel=0.05)
-    assert re.search(r"shorter than the cable's length: measure the length again \(the curves give 0.9\d+ to 0.9\d+ m\)", said)
-
-
-def columns_rolled(quaternion, degrees=12.0):
-    """The quaternion of a clamp turned about its d1."""
-    from scan2flex_jax.study.rotations import product
-
-    half = np.radians(degrees) / 2
-    return product(quaternion, np.array([np.cos(half), np.sin(half), 0.0, 0.0]))
-
-
-def test_a_clamp_from_a_matrix():
-    clamp = load_study(example_path("simulated-cable")).poses[1].end
-    M = np.eye(4)
-    M[:3, :3], M[:3, 3] = columns(clamp.quaternion), clamp.position
-    np.testing.assert_allclose(columns(Clamp.from_matrix(M).quaternion), columns(clamp.quaternion), atol=1e-9)
-    np.testing.assert_array_equal(Clamp.from_matrix(M).position, clamp.position)
-
-
 def test_export_says_that_there_is_no_radius(tmp_path):
     study = load_study(example_path("simulated-cable"))
     known = {**study.cable, "bending_stiffness": 0.1, "torsional_stiffness": 0.25}
@@ -169,11 +135,6 @@ def test_fit_says_what_it_does(monkeypatch):
     found = run("fit", example_path("simulated-cable"))
     assert "bending_stiffness, torsional_stiffness from 3 poses (1 more never fitted)" in found.stderr
     assert "30 elements" in run("fit", example_path("simulated-cable"), "--elements", "30").stderr
-
-
-def test_description_without_scans_needs_no_file():
-    study = load_study(example_path("simulated-cable"))
-    assert isinstance(study, Study) and "Assumed" in describe(study)
 
 
 @pytest.mark.parametrize("command", ["fit", "explain"])
@@ -199,3 +160,34 @@ def test_a_weight_is_said_to_be_one(folder):
     study = load_study(folder)
     assert study.cable["length_density"] == pytest.approx(0.2)
     assert study.tolerance.length_density == pytest.approx(0.02 / 9.80665)
+
+
+def test_an_interrupt_at_a_prompt_is_one(folder, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("scan2flex_jax.cli.options.interactive", lambda: True)
+    monkeypatch.setattr("typer._click.termui.visible_prompt_func", interrupted, raising=False)
+    monkeypatch.setattr("click.termui.visible_prompt_func", interrupted, raising=False)
+    assert run("new", folder).exit_code == 130
+
+
+def test_files_keep_the_order_in_which_they_are_given(folder, tmp_path):
+    (tmp_path / "frames.txt").write_text(flanges("z"))
+    given = ["--length", "1 m", "--mass", "200 g", "--clamps", tmp_path / "frames.txt"]
+    order = ["twist-90", "unseen", "aside-45", "plane"]
+    found = run("new", *(folder / f"{name}.txt" for name in order), *given)
+    assert found.exit_code == 0, found.exception
+    assert f"4 poses, in the order given: {', '.join(order)}" in found.stdout
+    assert [pose.name for pose in load_study(folder).poses] == order
+    (folder / "study.toml").unlink()
+    found = run("new", folder, *given)
+    assert "4 poses, sorted by name" in found.stdout
+    assert [pose.name for pose in load_study(folder).poses] == ["aside-45", "plane", "twist-90", "unseen"]
+
+
+def test_a_file_that_is_no_measurement_is_refused(folder, tmp_path):
+    (tmp_path / "notes.md").write_text("")
+    for path, said in ((tmp_path / "notes.md", "no scan or centre curve"), (tmp_path / "none.csv", "is no file")):
+        found = run("new", folder / "plane.txt", path, "--length", "1 m", "--mass", "200 g")
+        assert isinstance(found.exception, Scan2FlexError) and said in str(found.exception)

@@ -63,10 +63,7 @@ def test_what_cannot_be_written_is_refused_before_anything_is_read(name, tmp_pat
         assert f"{tmp_path / 'file'} is not a folder" in str(found.exception)
 
 
-@pytest.mark.parametrize(
-    ("words", "names"),
-    [("fit x --method", METHODS), ("export x -o y --to", TO), ("new x --test", TESTS)],
-)
+@pytest.mark.parametrize(("words", "names"), [("fit x --method", METHODS), ("export x -o y --to", TO), ("new x --test", TESTS)])
 def test_an_option_has_the_choices_of_its_function(words, names):
     found = CliRunner().invoke(app, [*words.split(), "nonsense"])
     assert str(found.exception).endswith(f"use one of {', '.join(names)}.")

@@ -11,7 +11,7 @@ from scan2flex_jax.cli import making, options
 from scan2flex_jax.cli.app import app
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.examples import example_path
-from scan2flex_jax.study import load_study
+from scan2flex_jax.study import load_study, save_study
 from tests.study.samples import curve, write_sample
 
 T = np.linspace(0, 1, 30)
@@ -131,8 +131,7 @@ def test_pose_converts_matrices_and_angles(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "words",
-    [[], ["--matrix", "1 2 3"], ["--position", "1,2,3"], ["--matrix", "1", "--position", "1,2,3"], ["nowhere.csv"]],
+    "words", [[], ["--matrix", "1 2 3"], ["--position", "1,2,3"], ["--matrix", "1", "--position", "1,2,3"], ["nowhere.csv"]]
 )
 def test_pose_refuses_in_one_sentence(words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -181,3 +180,19 @@ def test_check_reads_the_scans(tmp_path):
     found = run("check", tmp_path)
     assert isinstance(found.exception, Scan2FlexError)
     assert "sag.xyz" in str(found.exception)
+
+
+@pytest.mark.slow
+def test_extract_writes_the_curve_and_says_whether_it_is_sure(tmp_path):
+    """Of the virtual PTFE cable, one scan from two sides, as a user would have it on disk."""
+    from benchmarks import virtual_experiments as virtual
+
+    (tmp_path / "scans").mkdir()
+    folder = save_study(virtual.study_of(virtual.PTFE, tmp_path / "scans", 1), tmp_path / "study").parent
+    found = run("extract", folder, "--save", tmp_path / "s", "--json", tmp_path / "c.json")
+    assert found.exit_code == 0, found.output
+    (one,) = json.loads((tmp_path / "c.json").read_text()).values()
+    assert one["sure"] and abs(one["arc_length"] / virtual.PTFE.length - 1.0) < 0.02
+    written = load_study(tmp_path / "s").poses[0].curve
+    assert written is not None and load_study(folder).poses[0].curve is None  # the study itself is as it was
+    assert f"-> {written.path}" in found.output and f"written: {tmp_path / 's' / 'study.toml'}" in found.output

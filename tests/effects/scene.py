@@ -3,6 +3,7 @@
 The model also carries what the catalogue builds of classes of its own (`BUILT`), from amplitudes that are zero.
 """
 
+from dataclasses import replace
 from functools import cache, partial
 
 import equinox as eqx
@@ -13,15 +14,15 @@ import numpy as np
 import scan2flex_jax.effects as fx
 from scan2flex_jax.effects.catalogue import catalogue
 from scan2flex_jax.effects.entry import Context
+from scan2flex_jax.geometry import lie
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
-from scan2flex_jax.rod.model import CableModel
+from scan2flex_jax.rod.model import CableModel, Configuration
 from scan2flex_jax.statics.solve import equilibrium
 from scan2flex_jax.statics.starts import curve_start
 from scan2flex_jax.statics.verdict import SOLVED, UNBALANCED
 
 ELEMENTS = 16
-UNOPTIMISED = {"xla_backend_optimization_level": 0}
 DOWN = jnp.array([0.3, -0.5, -9.8])
 CABLE = Cable(1.0, 0.1, 0.02, 0.015, axial_stiffness=1.0e4, shear_stiffness=1.0e5)
 NORMAL, ANCHOR = [0.1, 0.2, 1.0], [0.3, 0.25, 0.05]
@@ -58,7 +59,8 @@ VALUES = {
     "stiffness_taper": ({"taper": 0.0}, {"taper": 0.3}),
     "density_taper": ({"taper": 0.0}, {"taper": -0.3}),
     "stiffness_field": (
-        {"s": PLACES, "log_factor": np.zeros(3), "density_power": 0.5}, {"log_factor": np.array([0.5, -0.2, -0.6])},
+        {"s": PLACES, "log_factor": np.zeros(3), "density_power": 0.5},
+        {"log_factor": np.array([0.5, -0.2, -0.6])},
     ),
     "tension_twist_coupling": ({"lever": 0.0}, {"lever": 2.0e-3}),
     "tension_stiffening": ({"gain": 0.0}, {"gain": 4.0e-4}),
@@ -136,22 +138,34 @@ def start_of(boundary, sag=0.3):
 
 
 @cache
-def _solver():
-    @partial(jax.jit, compiler_options=UNOPTIMISED)
-    def solve(changed, tangent, scene, boundary, start):
-        effects, amplitudes = changed
-        cable, gravity = scene
+def level():
+    """For `solved`: a cable that starts straight along x from its clamp."""
+    boundary = straight()
+    return {"boundary": boundary, "start": start_of(boundary, 0.0)}
 
-        def run(effects, amplitudes):
-            built = [e.build(amplitudes[e.kind], SITES[e.kind], CONTEXT) for e in BUILT]
-            model = CableModel(cable, gravity, (*fx.ordered(effects), *(x for effects in built for x in effects)))
-            found = equilibrium(model, boundary, start=start, elements=ELEMENTS)
-            return found.observed, found
 
-        observed, slope, found = jax.jvp(run, (effects, amplitudes), tangent, has_aux=True)
-        return observed, slope, found
+def turned_end(axis, turn):
+    """For `solved`: a cable whose end is free to move and turned by ``turn`` (rad), on its way there evenly."""
+    boundary = straight(held_end=(0.0, 0.0, 0.0, 1.0, 1.0, 1.0))
+    angle = jnp.linspace(0.0, turn, ELEMENTS + 1)
+    R = jax.vmap(lambda a: boundary.rotation[0] @ lie.so3_exp(a * jnp.array(axis)))(angle)
+    steps = (R[:-1, :, 2] + R[1:, :, 2]) / (2 * ELEMENTS)
+    r = jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(steps, 0)])
+    boundary = replace(boundary, rotation=boundary.rotation.at[1].set(R[-1]))
+    return {"boundary": boundary, "start": Configuration(r, R)}
 
-    return solve
+
+@jax.jit
+def _solve(changed, tangent, scene, boundary, start):
+    cable, gravity = scene
+
+    def run(effects, amplitudes):
+        built = [e.build(amplitudes[e.kind], SITES[e.kind], CONTEXT) for e in BUILT]
+        model = CableModel(cable, gravity, (*fx.ordered(effects), *(x for effects in built for x in effects)))
+        found = equilibrium(model, boundary, start=start, elements=ELEMENTS)
+        return found.observed, found
+
+    return jax.jvp(run, changed, tangent, has_aux=True)
 
 
 def solved(*changed, tangent=None, amplitudes=None, cable=CABLE, gravity=DOWN, boundary=None, start=None, loaded=True):
@@ -164,12 +178,12 @@ def solved(*changed, tangent=None, amplitudes=None, cable=CABLE, gravity=DOWN, b
     zero = jax.tree.map(jnp.zeros_like, (effects, amplitudes))
     tangent = zero if tangent is None else tangent(zero)
     start = start_of(boundary) if start is None else start
-    observed, slope, found = _solver()((effects, amplitudes), tangent, (cable, gravity), boundary, start)
+    observed, slope, found = _solve((effects, amplitudes), tangent, (cable, gravity), boundary, start)
     assert int(found.verdict.code) in ((SOLVED,) if loaded else (SOLVED, UNBALANCED)), jax.tree.leaves(found.verdict)
     return np.asarray(observed), np.asarray(slope), found
 
 
-@partial(jax.jit, compiler_options=UNOPTIMISED)
+@jax.jit
 def reactions(found):
     """Forces and moments of the supports on start and end."""
     return found.reactions()
@@ -178,7 +192,7 @@ def reactions(found):
 @cache
 def base_points():
     """The nodes of the cable without any effect."""
-    run = jax.jit(lambda m, b, s: equilibrium(m, b, start=s, elements=ELEMENTS).points, compiler_options=UNOPTIMISED)
+    run = jax.jit(lambda m, b, s: equilibrium(m, b, start=s, elements=ELEMENTS).points)
     return np.asarray(run(CableModel(CABLE, DOWN), pose(), start_of(pose())))
 
 

@@ -173,5 +173,3 @@ def test_planes_are_finite_without_gravity_and_for_points_that_span_nothing(grav
     for site in ENTRIES["support_plane"].sites(c):
         p = ENTRIES["support_plane"].parameters(np.zeros(1), site, c)
         assert np.linalg.norm(p["normal"]) == pytest.approx(1.0) and np.isfinite(p["offset"])
-
-

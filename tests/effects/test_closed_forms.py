@@ -4,7 +4,6 @@ Sixteen elements; what they leave is said where it is not the least.
 """
 
 import dataclasses
-from functools import cache
 
 import jax
 import jax.numpy as jnp
@@ -21,13 +20,6 @@ from . import scene
 L, EI, GJ, RHO, G = 1.0, 0.02, 0.015, 0.1, 9.81
 DOWN = jnp.array([0.0, 0.0, -G])
 NOWHERE = jnp.zeros(3)
-TURNED_END = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
-
-
-@cache
-def level():
-    boundary = scene.straight()
-    return {"boundary": boundary, "start": scene.start_of(boundary, 0.0)}
 
 
 def hanging():
@@ -36,7 +28,7 @@ def hanging():
 
 
 def tip(*effects, **scenery):
-    return scene.solved(*effects, **{**level(), **scenery})[0][-1]
+    return scene.solved(*effects, **{**scene.level(), **scenery})[0][-1]
 
 
 def stiffened(**changes):
@@ -115,7 +107,7 @@ def test_elastic_clamp_turns_far():
 def test_kink_turns_a_free_cable():
     angle, position = np.array([0.3, -0.2, 0.1]), 0.43
     kink = scene.effect("kink", angle=angle, position=position)
-    _, _, found = scene.solved(kink, gravity=NOWHERE, loaded=False, **level())
+    _, _, found = scene.solved(kink, gravity=NOWHERE, loaded=False, **scene.level())
     R = found.configuration.R
     np.testing.assert_allclose(R[-1], R[0] @ lie.so3_exp(jnp.array(angle)), atol=1e-9)
     flat = np.array([0.0, 0.02, 0.0])
@@ -127,7 +119,7 @@ def test_tether_pulls_towards_its_anchor():
     """All forces on the cable balance: clamp, weight and ``k (distance - rest_length)``."""
     k, rest, position, anchor = 3.0, 0.1, 0.47, np.array([0.3, 0.2, 0.3])
     tether = scene.effect("tether", position=position, anchor=anchor, stiffness=k, rest_length=rest)
-    points, _, found = scene.solved(tether, gravity=DOWN, **level())
+    points, _, found = scene.solved(tether, gravity=DOWN, **scene.level())
     i, t = int(position * scene.ELEMENTS), position * scene.ELEMENTS % 1
     d, ds = found.configuration.R[:, :, 2], L / scene.ELEMENTS
     place = points[i] * (1 - 3 * t**2 + 2 * t**3) + points[i + 1] * (3 * t**2 - 2 * t**3)
@@ -160,7 +152,7 @@ def test_plane_carries_what_the_clamps_do_not():
 def test_elastic_support_carries_the_weight():
     k = 60.0
     bed = scene.effect("elastic_support", normal=[0.0, 0.0, 1.0], offset=0.0, stiffness=k)
-    points, _, found = scene.solved(bed, gravity=DOWN, **level())
+    points, _, found = scene.solved(bed, gravity=DOWN, **scene.level())
     np.testing.assert_allclose(points[-1, 2], -RHO * G / k, rtol=3e-2)
     carried = -k * np.trapezoid(points[:, 2], dx=L / scene.ELEMENTS)
     np.testing.assert_allclose(scene.reactions(found)[0][0][2] + carried, RHO * G * L, rtol=1e-8)
@@ -170,16 +162,8 @@ def test_elastic_support_carries_the_weight():
 def test_nonlinear_bending_rolled_up(turn):
     """Pure bending of a free-moving, turned end: uniform curvature, moment as the format says."""
     slip, ratio = 1.5, 0.3
-    boundary = scene.straight(held_end=TURNED_END)
-    end = boundary.rotation[1] @ lie.so3_exp(jnp.array([0.0, turn, 0.0]))
-    boundary = dataclasses.replace(boundary, rotation=boundary.rotation.at[1].set(end))
-    angle = jnp.linspace(0.0, turn, scene.ELEMENTS + 1)
-    R = jax.vmap(lambda a: boundary.rotation[0] @ lie.so3_exp(a * jnp.array([0.0, 1.0, 0.0])))(angle)
-    steps = (R[:-1, :, 2] + R[1:, :, 2]) / (2 * scene.ELEMENTS)
-    start = (jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(steps, 0)]), R)
-    start = type(scene.start_of(boundary))(*start)
     law = scene.effect("nonlinear_bending", slip_curvature=slip, ratio=ratio)
-    _, _, found = scene.solved(law, gravity=NOWHERE, loaded=False, boundary=boundary, start=start)
+    _, _, found = scene.solved(law, gravity=NOWHERE, loaded=False, **scene.turned_end([0.0, 1.0, 0.0], turn))
     moment = EI * turn / L * (ratio + (1 - ratio) / np.sqrt(1 + (turn / L / slip) ** 2))
     np.testing.assert_allclose(np.linalg.norm(scene.reactions(found)[1], axis=1), moment, rtol=1e-7)
 
@@ -218,7 +202,7 @@ def test_a_curvature_that_grows_along_the_cable_is_a_clothoid():
     """
     k = 2.5
     profile = scene.effect("curvature_profile", s=[0.0, L / 2, L], curvature=np.outer([0, k * L / 2, k * L], [0.0, 1.0, 0.0]))
-    points, _, found = scene.solved(profile, gravity=NOWHERE, loaded=False, **level())
+    points, _, found = scene.solved(profile, gravity=NOWHERE, loaded=False, **scene.level())
     R = found.configuration.R
     np.testing.assert_allclose(R[-1], R[0] @ lie.so3_exp(jnp.array([0.0, k * L**2 / 2, 0.0])), atol=1e-9)
     sine, cosine = fresnel(L * np.sqrt(k / np.pi))
@@ -241,7 +225,7 @@ def test_natural_curvature_of_a_free_cable():
         scene.effect("memory_set", memory=0.5, previous=np.tile(2 * curvature, (4, 1))[:3]),
         scene.effect("curvature_profile", curvature=np.tile(curvature, (3, 1))),
     ):
-        _, _, found = scene.solved(effect, gravity=NOWHERE, loaded=False, **level())
+        _, _, found = scene.solved(effect, gravity=NOWHERE, loaded=False, **scene.level())
         R = found.configuration.R
         np.testing.assert_allclose(R[-1], R[0] @ lie.so3_exp(jnp.array(curvature * L)), atol=1e-9)
 
@@ -273,7 +257,7 @@ def test_profiles_carry_their_weight_and_stiffness():
     """Clamp reaction of a heavier span and of a taper; the tip of a lightly loaded cantilever with a stiff span."""
     heavy, taper = scene.active("density_profile"), scene.active("density_taper")
     for effect, mass in ((heavy, RHO * (1 + 0.25 * 0.8)), (taper, RHO * np.sinh(0.3) / 0.3)):
-        force = scene.reactions(scene.solved(effect, gravity=DOWN, **level())[2])[0][0]
+        force = scene.reactions(scene.solved(effect, gravity=DOWN, **scene.level())[2])[0][0]
         np.testing.assert_allclose(force, [0, 0, mass * G * L], atol=1e-3 * mass * G)
     light, s = stiffened(length_density=1e-6), np.linspace(0, L, 200001)
     for kind, stiffness in (

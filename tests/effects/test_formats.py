@@ -20,6 +20,8 @@ from . import scene
 
 ENTRIES = {entry.kind: entry for entry in EFFECTS}
 DECLARED = [kind for kind in kind_names() if kind in ENTRIES]
+
+
 def test_the_reader_of_studies_has_the_formats_of_the_classes():
     """It knows them without JAX, from a table."""
     assert TABLE.read_text("utf-8") == table(), "write it anew: python -m scan2flex_jax.effects"

@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 
 import jax
 import numpy as np
@@ -21,26 +21,18 @@ from scan2flex_jax.statics.solve import equilibrium
 from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study import Clamp, EffectDeclaration, Study, load_study, save_study
 
-from .scene import UNOPTIMISED, straight
+from .scene import straight
 
 EI, GJ, LENGTH, ELEMENTS, SPAN = 0.02, 0.015, 1.0, 24, 0.05
+solve = jax.jit(partial(equilibrium, elements=ELEMENTS))
 ALONG_X = [0.5, 0.5, 0.5, 0.5]  # d3 along x, d1 along y, d2 along z
 NONE, DOWN = [0.0, 0.0, 0.0], [0.0, 0.0, -9.81]
-
-
-@cache
-def _solver():
-    @partial(jax.jit, compiler_options=UNOPTIMISED)
-    def solve(model, boundary):
-        return equilibrium(model, boundary, elements=ELEMENTS)
-
-    return solve
 
 
 def cantilever(*effects, bending=EI, gravity=NONE, stable=True):
     """Positions and rotations of the nodes of a weightless cantilever along x, d1 across it and level."""
     cable = Cable(LENGTH, 1e-9, bending, GJ, axial_stiffness=1.0e7, shear_stiffness=1.0e7)
-    found = _solver()(CableModel(cable, gravity, effects), straight())
+    found = solve(CableModel(cable, gravity, effects), straight())
     assert (int(found.verdict.code) == SOLVED) == stable, found.verdict.sentence()
     return np.asarray(found.points), np.asarray(found.configuration.R)
 

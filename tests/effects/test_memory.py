@@ -1,5 +1,4 @@
-"""Effects with memory: closed forms of one slider and of the standard linear solid."""
-
+"""Effects with memory: closed forms of one slider, of the standard linear solid, and of what laboratories print."""
 
 import jax
 import jax.numpy as jnp
@@ -12,12 +11,14 @@ from scan2flex_jax.effects.dahl import ROUNDING
 from scan2flex_jax.effects.sliders import SPREAD
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.geometry import lie
+from scan2flex_jax.inference.loops import cycles, loops_of
 from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics.solve import equilibrium
 
 from . import scene
 
 EI, GJ, SHARE, SLIP = 0.02, 0.015, 0.6, 1.0
+LOOP_SLIP, MOST = 1.5, 4.0  # 1/m, of the loops
 STIFFNESS = jnp.diag(jnp.array([1e5, 1e5, 1e4, EI, EI, GJ]))
 SHARP = 1e-9  # rounding of a knee that closed forms do not have
 
@@ -77,15 +78,6 @@ def test_masings_rule_holds_on_the_return_branch(spread):
         (first,) = bent(effect, [(top - k) / 2])
         turned, back = bent(effect, [top, k])
         assert turned - back == pytest.approx(2 * first, abs=1e-7)
-
-
-def test_a_closed_cycle_dissipates_the_area_of_its_loop():
-    """Between -A and A one slider dissipates 4 share EI slip (A - slip), the sum of force times slip of its energy balance."""
-    A = 3.0
-    corners = [A, A - 2 * SLIP, -A, -A + 2 * SLIP, A]  # the moment is linear between them
-    m = bent(one_slider(), corners)
-    area = np.sum(0.5 * (m[1:] + m[:-1]) * np.diff(corners))
-    assert area == pytest.approx(4 * SHARE * SLIP * (A - SLIP), rel=1e-7)
 
 
 def test_a_curvature_vector_returns_radially():
@@ -203,8 +195,7 @@ def test_memory_set_is_the_relaxation_that_is_complete_between_poses():
 def test_a_cable_from_a_drum_without_loads_keeps_the_bend_that_its_sliders_hold(first, expected):
     """Its moment is zero: (1 - share) k = share (set - k) while nothing slips, and share slip once all have slipped."""
     drum = scene.effect("friction", share=SHARE, slip_curvature=SLIP, initial_set=jnp.array([0.0, first]))
-    level = {"boundary": scene.straight(), "start": scene.start_of(scene.straight(), 0.0)}
-    _, _, free = scene.solved(drum, gravity=jnp.zeros(3), loaded=False, **level)
+    _, _, free = scene.solved(drum, gravity=jnp.zeros(3), loaded=False, **scene.level())
     turned = np.asarray(lie.so3_log(free.configuration.R[0].T @ free.configuration.R[-1]))
     np.testing.assert_allclose(turned, [0.0, expected * float(scene.CABLE.length), 0.0], atol=1e-6)
 
@@ -213,3 +204,49 @@ def test_a_pose_after_another_model_is_refused():
     free = scene.solved()[2]
     with pytest.raises(Scan2FlexError, match="after is an equilibrium of another model or mesh"):
         equilibrium(CableModel(scene.CABLE, jnp.zeros(3), Friction(0.3, 1.0)), scene.straight(), elements=16, after=free)
+
+
+@pytest.mark.parametrize(("axis", "B"), [(4, EI), (5, GJ)])
+def test_the_cycles_of_dahl(axis, B):
+    """Following: 4 share B slip (A - slip tanh(A/slip)). First: slip z integrated over the three ways, z(0) = 0."""
+    first, following = cycles(Dahl(SHARE, LOOP_SLIP), STIFFNESS, axis, MOST)
+    scale = SHARE * B * LOOP_SLIP
+    assert following == pytest.approx(4 * scale * (MOST - LOOP_SLIP * np.tanh(MOST / LOOP_SLIP)), rel=2e-3)
+    work, z = 0.0, 0.0
+    for way, length in ((1, MOST), (-1, 2 * MOST), (1, MOST)):
+        gone = 1 - np.exp(-length / LOOP_SLIP)
+        work += way * scale * (way * length - (way - z) * LOOP_SLIP * gone)
+        z += (way - z) * gone
+    assert first == pytest.approx(work, rel=2e-3)
+    assert first != pytest.approx(following, rel=0.05)
+
+
+def test_the_cycles_of_one_slider():
+    """A following cycle dissipates 4 share EI slip (A - slip); a first one slips less, and keeps what its slider stores."""
+    first, following = cycles(Friction(SHARE, LOOP_SLIP, spread=(1.0,), rounding=1e-9), STIFFNESS, 4, MOST)
+    assert following == pytest.approx(4 * SHARE * EI * LOOP_SLIP * (MOST - LOOP_SLIP), rel=1e-6)
+    slipped = 3 * (MOST - LOOP_SLIP) + (MOST - 2 * LOOP_SLIP)  # the last way, from -A to 0, sticks over 2 slip
+    assert first == pytest.approx(SHARE * EI * LOOP_SLIP * slipped + 0.5 * SHARE * EI * LOOP_SLIP**2, rel=1e-6)
+
+
+def test_readings_name_stick_and_slip_and_the_standard_linear_solid():
+    cable = scene.CABLE
+    effects = (Friction(SHARE, LOOP_SLIP), TorsionFriction(0.4, 0.5), Relaxation(0.3, 60.0))
+    found = []
+    for effect in effects:
+        e = equilibrium(CableModel(cable, scene.DOWN, effect), scene.pose(), elements=12)
+        (*first, last) = loops_of([(e.rod, e.configuration)])
+        found.append({loop.of: loop.values for loop in (*first, last)})
+    B, G = float(np.mean(cable.bending_stiffness)), float(cable.torsional_stiffness)
+    assert found[0]["bending"]["stick stiffness"] == (pytest.approx(B), "N m^2")
+    assert found[0]["bending"]["slip stiffness"] == (pytest.approx(0.4 * B), "N m^2")
+    assert found[0]["bending"]["critical strain"] == (pytest.approx(LOOP_SLIP), "1/m")
+    assert found[1]["twist"]["slip stiffness"] == (pytest.approx(0.6 * G), "N m^2")
+    assert found[2]["bending"]["K_inf"] == (pytest.approx(0.7 * B), "N m^2")
+    assert found[2]["twist"]["K_1"] == (pytest.approx(0.3 * G), "N m^2")
+    assert found[2]["twist"]["tau"] == (60.0, "s")
+
+
+def test_a_rod_without_memory_has_no_loop():
+    e = equilibrium(CableModel(scene.CABLE, scene.DOWN), scene.pose(), elements=12)
+    assert loops_of([(e.rod, e.configuration)]) == ()

@@ -1,7 +1,5 @@
 """Moment laws of any form: moment and energy are the integrals of the given slope, whatever that is, with all derivatives."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +10,6 @@ from scipy.optimize import brentq
 from scan2flex_jax.effects import BendingLaw, TorsionLaw
 from scan2flex_jax.effects.moment_law import WALK, excess_energy, excess_moment, tangent
 from scan2flex_jax.fitting.parameters import layout_of
-from scan2flex_jax.geometry import lie
 from scan2flex_jax.study import EffectDeclaration, Unknown
 from tests.fitting.scenes import BOTH, study_of
 
@@ -80,17 +77,6 @@ def test_two_bending_stiffnesses_share_one_law():
         assert float(found) == pytest.approx(part * EI * k / q * moment(q))
 
 
-def turned_end(axis, turn):
-    """A cable whose end is free to move and turned by ``turn`` (rad), on its way there evenly."""
-    boundary = scene.straight(held_end=(0.0, 0.0, 0.0, 1.0, 1.0, 1.0))
-    angle = jnp.linspace(0.0, turn, scene.ELEMENTS + 1)
-    R = jax.vmap(lambda a: boundary.rotation[0] @ lie.so3_exp(a * axis))(angle)
-    boundary = dataclasses.replace(boundary, rotation=boundary.rotation.at[1].set(R[-1]))
-    steps = (R[:-1, :, 2] + R[1:, :, 2]) / (2 * scene.ELEMENTS)
-    r = jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(steps, 0)])
-    return {"boundary": boundary, "start": type(scene.start_of(boundary))(r, R)}
-
-
 @pytest.mark.parametrize(
     ("kind", "grid", "axis", "stiffness"),
     [("bending_law", "curvature", [0.0, 1.0, 0.0], EI), ("torsion_law", "twist", [0.0, 0.0, 1.0], GJ)],
@@ -98,7 +84,7 @@ def turned_end(axis, turn):
 def test_pure_bending_and_pure_twist(kind, grid, axis, stiffness):
     """A turned end alone gives a uniform strain ``turn/L``: the end moment is the law itself."""
     turn, law = 4.8, scene.effect(kind, **{grid: AT, "factor": FACTOR})
-    _, _, found = scene.solved(law, gravity=jnp.zeros(3), loaded=False, **turned_end(jnp.array(axis), turn))
+    _, _, found = scene.solved(law, gravity=jnp.zeros(3), loaded=False, **scene.turned_end(axis, turn))
     np.testing.assert_allclose(np.linalg.norm(scene.reactions(found)[1], axis=1), stiffness * moment(turn / L), rtol=1e-7)
 
 
@@ -124,9 +110,7 @@ def sagging_tip(weight):
 def test_a_cantilever_under_its_weight_is_that_of_a_shooting_solution():
     gravity = 1.0
     law = scene.effect("bending_law", curvature=AT, factor=FACTOR)
-    boundary = scene.straight()
-    level = {"boundary": boundary, "start": scene.start_of(boundary, 0.0)}
-    tip = scene.solved(law, gravity=jnp.array([0.0, 0.0, -gravity]), **level)[0][-1]
+    tip = scene.solved(law, gravity=jnp.array([0.0, 0.0, -gravity]), **scene.level())[0][-1]
     np.testing.assert_allclose([tip[0], -tip[2]], sagging_tip(0.1 * gravity), atol=1e-3 * L)
 
 

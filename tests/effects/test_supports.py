@@ -3,8 +3,6 @@
 The cable is a guidewire of E = 158.4 GPa and 0.79 mm, EI = 4.857e-3 N m^2, without weight unless a test gives it one.
 """
 
-from functools import cache, partial
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -23,8 +21,6 @@ from scan2flex_jax.statics.solve import equilibrium
 from scan2flex_jax.statics.starts import default_start
 from scan2flex_jax.statics.verdict import OFF_SUPPORT, SOLVED
 
-from .scene import UNOPTIMISED
-
 EI, LENGTH, SPAN = 4.857e-3, 0.06, 0.05
 OVER = 0.5 * (LENGTH - SPAN)
 ELEMENTS = 24
@@ -32,17 +28,13 @@ UP, ALONG = [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]
 FREE = Boundary.of(None, None)
 
 
-@cache
-def _solver():
-    @partial(jax.jit, compiler_options=UNOPTIMISED)
-    def solve(effects, tangent, cable, gravity, boundary):
-        def run(effects, cable):
-            return equilibrium(CableModel(cable, gravity, effects), boundary, elements=ELEMENTS)
+@jax.jit
+def solve(effects, tangent, cable, gravity, boundary):
+    def run(effects, cable):
+        return equilibrium(CableModel(cable, gravity, effects), boundary, elements=ELEMENTS)
 
-        found, slope = jax.jvp(run, (effects, cable), tangent)
-        return found, slope.points, found.support_reactions()
-
-    return solve
+    found, slope = jax.jvp(run, (effects, cable), tangent)
+    return found, slope.points, found.support_reactions()
 
 
 def guidewire(stiffness=EI, density=0.0):
@@ -54,7 +46,7 @@ def solved(*effects, tangent=None, cable=None, gravity=(0.0, 0.0, 0.0), boundary
     model = CableModel(guidewire() if cable is None else cable, list(gravity), effects)
     zero = jax.tree.map(jnp.zeros_like, (model.effects, model.cable))
     tangent = zero if tangent is None else tangent(zero)
-    found, slope, reactions = _solver()(model.effects, tangent, model.cable, model.gravity, boundary)
+    found, slope, reactions = solve(model.effects, tangent, model.cable, model.gravity, boundary)
     assert int(found.verdict.code) == code, found.verdict.sentence()
     return found, np.asarray(slope), [(float(s), np.asarray(f)) for _, s, f in reactions]
 
@@ -227,7 +219,7 @@ def test_gradient_and_hessian_of_supports():
         d = derivatives(rod, at)
         return node_forces(rod, at).ravel(), d.gradient.ravel(), dense(d.diagonal, d.upper)
 
-    @partial(jax.jit, compiler_options=UNOPTIMISED)
+    @jax.jit
     def run(x):
         return jax.grad(energy)(x), jax.hessian(energy)(x), jax.tree.map(jnp.subtract, blocks(rod), blocks(bare))
 

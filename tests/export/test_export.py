@@ -53,11 +53,16 @@ def test_json_holds_the_cable_and_its_balance(twisted):
     assert set(found["meaning"]) >= {"units", "stiffness", "quaternion", "held", "beyond"}
 
 
+def names_of_script(source):
+    """What a script of PyElastica defines before its scene."""
+    names = {}
+    exec(compile(source.split("class Scene")[0].replace("import elastica as ea\n", ""), "cable.py", "exec"), names)
+    return names
+
+
 def test_stiffness_that_was_assumed_is_softer_where_time_steps_depend_on_it():
     def stiffness(study):
-        source = export(study, "pyelastica", pose="twist-90", elements=ELEMENTS)
-        names = {}
-        exec(compile(source.split("class Scene")[0].replace("import elastica as ea\n", ""), "cable.py", "exec"), names)
+        names = names_of_script(export(study, "pyelastica", pose="twist-90", elements=ELEMENTS))
         return np.diag(names["CABLE"]["shear"][0])
 
     known = {k: v for k, v in cable().cable.items() if k not in ("shear_stiffness", "axial_stiffness")}
@@ -101,8 +106,7 @@ def test_the_mujoco_model_as_loaded_hangs_in_the_pose_and_is_straight_at_zero_an
 
 def test_the_script_is_python_whatever_the_title_says():
     source = export(cable(), "pyelastica", pose="twist-90", elements=ELEMENTS)
-    names = {}
-    exec(compile(source.split("class Scene")[0].replace("import elastica as ea\n", ""), "cable.py", "exec"), names)
+    names = names_of_script(source)
     assert names["TITLE"] == cable().title
     compile(source, "cable.py", "exec")
     position = np.array(names["CABLE"]["position"])

@@ -9,6 +9,7 @@ import pytest
 from scan2flex_jax import load_study
 from scan2flex_jax.examples import example_path
 from scan2flex_jax.export import export, hung
+from tests.export.test_export import links as centred
 
 GJ = 0.05  # N m^2: half of EI
 FEW, STEPS = 10, 1000  # links and steps of 1 ms beside MuJoCo
@@ -39,8 +40,7 @@ def test_a_cable_with_a_full_turn_stays_where_it_hangs(study):
     off = []
     for links in (20, 40):
         _, data = in_mujoco(study, links, 4000)
-        bodies = [data.body(f"link{k}") for k in range(links + 1)]
-        there = np.array([b.xpos + 0.5 / links * b.xmat.reshape(3, 3)[:, 2] for b in bodies])
+        there = centred(data, links, 1.0 / links)
         off.append(np.max(np.linalg.norm(there - hung(study, elements=links).position, axis=1)))
         end, clamp = data.site("end"), data.site("clamp")
         assert np.linalg.norm(end.xpos - clamp.xpos) < 1e-6

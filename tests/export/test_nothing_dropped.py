@@ -15,7 +15,7 @@ from scan2flex_jax.fitting.poses import boundary_of
 from scan2flex_jax.rod.model import Configuration, discretise
 from scan2flex_jax.study.kinds import kind_names
 from tests.effects.scene import GIVEN
-from tests.export.test_export import cable, effect
+from tests.export.test_export import cable, effect, names_of_script
 
 ELEMENTS = 10
 DS = 1.0 / ELEMENTS
@@ -85,9 +85,7 @@ def test_a_profile_of_stiffness_is_in_every_joint():
 
 
 def cable_of_script(source):
-    names = {}
-    exec(compile(source.split("class Scene")[0].replace("import elastica as ea\n", ""), "cable.py", "exec"), names)
-    return names["CABLE"]
+    return names_of_script(source)["CABLE"]
 
 
 def test_a_kink_is_where_the_springs_rest():

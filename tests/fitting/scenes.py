@@ -16,6 +16,8 @@ from scan2flex_jax.study import MeasuredCurve, Tolerance, Unknown, load_study
 ELEMENTS = 20
 POINTS = 60
 EI, GJ = 0.1, 0.25  # N m^2, the paper's Section 6.2
+TRUE = {"bending_stiffness": EI, "torsional_stiffness": GJ}
+NAMES = ("plane", "twist-90", "aside-45", "unseen")  # of the poses; the last is kept for validation
 EXACT = Tolerance()
 BOTH = (Unknown("bending_stiffness"), Unknown("torsional_stiffness"))
 # where the made curves are measured: uneven, and 2 % of the length short of both clamps
@@ -47,11 +49,21 @@ def _poses(names):
 
 def study_of(unknowns=BOTH, poses=("plane", "twist-90", "aside-45"), effects=(), tolerance=EXACT, **cable):
     """The simulated cable with these unknowns; stiffnesses are known where they are not among them."""
-    cable = {"bending_stiffness": EI, "torsional_stiffness": GJ, **example().cable, **cable}
+    cable = {**TRUE, **example().cable, **cable}
     names = [u.name for u in unknowns]
     cable = {k: v for k, v in cable.items() if k not in names}
     study = replace(example(), cable=cable, unknowns=tuple(unknowns), poses=_poses(tuple(poses)))
     return replace(study, effects=tuple(effects), tolerance=tolerance)
+
+
+def to_fit(study):
+    """The study with all of its poses to fit."""
+    return replace(study, poses=tuple(replace(p, role="fit") for p in study.poses))
+
+
+def held_out(study):
+    """The study with its last pose for validation."""
+    return replace(study, poses=(*study.poses[:-1], replace(study.poses[-1], role="validate")))
 
 
 def vector(layout, truth):

@@ -1,4 +1,5 @@
-"""What a summary opens with: stiffnesses with relative intervals, what they rest on, unseen poses, whether it is reliable."""
+"""What a summary opens with: stiffnesses with relative intervals, what they rest on, unseen poses, whether it is reliable; and
+numbers in words: the digits that an interval resolves, and none that mean nothing."""
 
 import re
 from dataclasses import replace
@@ -8,15 +9,10 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.inference import fit
-from scan2flex_jax.inference.answer import (
-    BAD,
-    FAIR,
-    GOOD,
-    moved_in_words,
-    rests_on,
-)
+from scan2flex_jax.inference.answer import BAD, FAIR, GOOD, moved_in_words, percent, rests_on, two_digits
+from scan2flex_jax.inference.explanation import parameter_in_words
 from scan2flex_jax.inference.influence import Influence
-from scan2flex_jax.study import Tolerance, Unknown, study_warnings
+from scan2flex_jax.study import MeasuredCurve, Tolerance, Unknown, describe, study_warnings
 
 from . import scenes
 
@@ -25,18 +21,9 @@ DENSITY = 0.2  # kg/m
 
 
 def study(tolerance=scenes.EXACT, unknowns=scenes.BOTH, last="validate"):
-    made = scenes.study_of(unknowns, poses=("plane", "twist-90", "aside-45", "unseen"), tolerance=tolerance)
-    made = replace(made, poses=(*made.poses[:3], replace(made.poses[3], role=last)))
-    curves = scenes.exact_curves(scenes.study_of(poses=("plane", "twist-90", "aside-45", "unseen"), unknowns=scenes.BOTH),
-                                 {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ})  # fmt: skip
-    return scenes.measured(made, [*curves, *_unseen()][:4], NOISE, seed=1, stated=NOISE)
-
-
-def _unseen():
-    """The curve of the validate pose, which `exact_curves` leaves out."""
-    made = scenes.study_of(poses=("unseen",))
-    made = replace(made, poses=tuple(replace(p, role="fit") for p in made.poses))
-    return scenes.exact_curves(made, {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ})
+    made = scenes.study_of(unknowns, poses=scenes.NAMES, tolerance=tolerance)
+    curves = scenes.exact_curves(scenes.to_fit(scenes.study_of(poses=scenes.NAMES)), scenes.TRUE)
+    return scenes.measured(made if last == "validate" else scenes.to_fit(made), curves, NOISE, seed=1, stated=NOISE)
 
 
 @cache
@@ -154,3 +141,36 @@ def test_an_undetermined_value_has_no_number():
     row = next(row for row in answer.rows if row.name == "torsional_stiffness")
     assert (row.value, row.interval, row.note) == ("", "", "not determined by these poses")
     assert answer.belief.endswith("these poses do not determine GJ")
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "value", "std", "said"),
+    [
+        ("point_mass", "position", 0.4512, 0.001, "0.4512 [0.4492, 0.4532] m"),  # 1.96 standard errors to both sides
+        ("point_mass", "mass", 0.05, 0.1, "0.05 [0, 0.246] kg"),  # no mass is negative
+        ("stiffness_profile", "factor", 2.0, 0.2, "+100 % [+64 %, +140 %]"),  # 2 exp(-0.196), 2 exp(0.196)
+        ("stiffness_profile", "factor", 2.0, 200.0, "+100 %"),
+        ("kink", "angle", np.array([0.2, 0.0, 0.0]), np.full(3, 0.1),
+         "(0.2, 0, 0) [(0.004, -0.196, -0.196), (0.396, 0.196, 0.196)] rad"),
+        ("length_error", "length", 1.001, 0.0001, "+1.0 mm from the stated 1 m [+0.80, +1.2]"),
+    ],
+)  # fmt: skip
+def test_a_parameter_is_printed_with_its_interval(kind, name, value, std, said):
+    assert parameter_in_words(scenes.example(), kind, name, value, std) == said
+
+
+def test_shares_below_what_means_anything_are_not_spelt_out():
+    assert [percent(x) for x in (9.8e-10, -9.8e-10, 0.123, -0.5)] == ["<0.001 %", "<0.001 %", "+12 %", "-50 %"]
+    assert [two_digits(x) for x in (50.88, 9.8e-8, 0.0)] == ["51", "<0.001", "0"]
+
+
+def test_a_direction_that_points_do_not_show_has_no_angle():
+    pose = scenes.example().poses[0]
+    points = pose.curve.points[:: len(pose.curve.points) // 8]
+    noisy = points + 1e-3 * np.random.default_rng(0).normal(size=points.shape)
+
+    def said(points):
+        return describe(replace(scenes.example(), poses=(replace(pose, curve=MeasuredCurve(points)),)))
+
+    assert "its points do not show its direction there" in said(noisy)
+    assert "+-" not in said(noisy) and "deg [" in said(pose.curve.points)

@@ -24,6 +24,7 @@ REFUSED = {
     "no unknowns": (lambda s: replace(s, unknowns=()), {}, "nothing to fit"),
     "unknown method": (lambda s: s, {"method": "simplex"}, "method 'simplex' is not known: use one of least-squares"),
     "unknown distance": (lambda s: s, {"distance": "chamfer"}, "distance 'chamfer' is not known: use one of normal"),
+    "largest distance by least squares": (lambda s: s, {"distance": "hausdorff"}, "nelder-mead"),
     "no pose to fit": (all_validate, {}, 'no pose has the role "fit"'),
     "no curve": (without_curves, {}, "it has no shape: give it a centre curve, a scan, markers, or readings"),
     "guess of zero": (

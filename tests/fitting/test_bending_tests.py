@@ -1,7 +1,6 @@
-"""The six bending tests, from their tables to EI, on shapes of an independent solver of the plane elastica (`solve_bvp`).
+"""The six bending tests, from their tables to EI, on shapes of an independent solver of the plane elastica.
 
-EI theta'' = H sin(theta) - (V + w s) cos(theta): H and V the force at the start, w the weight per length. Readings are rounded
-or given noise as they are taken on a bench; the interval holds the truth, and the closed form is near it.
+Readings are rounded or given noise as they are taken on a bench; the interval holds the truth, and the closed form is near it.
 """
 
 from functools import cache
@@ -13,6 +12,7 @@ from scipy.integrate import solve_bvp
 from scan2flex_jax import fit
 from scan2flex_jax.convert.bench import INCLINE, TESTS, Bench, G, bench_study
 from scan2flex_jax.study import save_study
+from tests.reference import cantilever
 
 L, EI, DENSITY = 0.3, 2e-5, 0.02  # m, N m^2, kg/m: a strip
 W = DENSITY * G
@@ -21,42 +21,14 @@ SPAN, STIFF = 0.2, 0.166  # m, N m^2: of a beam on supports
 NOISE = {"droop": 3e-4, "peirce": 5e-4, "three-point": 5e-5, "heart": 3e-4, "ring": 3e-4, "hanging": 5e-5}  # m
 
 
-def solved(slope, ends, theta, s, p):
-    """The solution (theta, theta', x, z) of a boundary value problem from a guess of theta, and its parameters."""
-    x, z = (np.concatenate([[0.0], np.cumsum(0.5 * (f(theta)[1:] + f(theta)[:-1]) * np.diff(s))]) for f in (np.cos, np.sin))
-    found = solve_bvp(slope, ends, s, np.array([theta, np.gradient(theta, s), x, z]), p=p, tol=1e-8, max_nodes=50000)
-    assert found.success, found.message
-    return found.sol, found.p
-
-
 def closed_or_spanned(first, last, span, guess, EI=EI):
-    """A strip between two clamps at tangent angles (rad) ``first`` and ``last``, ``span`` (m) apart at one height."""
-
-    def slope(s, y, p):
-        return np.array([y[1], (p[0] * np.sin(y[0]) - (p[1] + W * s) * np.cos(y[0])) / EI, np.cos(y[0]), np.sin(y[0])])
-
-    def ends(a, b, p):
-        return np.array([a[0] - first, b[0] - last, a[2], a[3], b[2] - span, b[3]])
-
-    s = np.linspace(0, L, 201)
-    return solved(slope, ends, guess(s / L), s, [0.0, -0.5 * W * L])[0]
+    """A strip between two clamps at one height."""
+    return cantilever.between_clamps(L, EI, W, first, last, span, guess)
 
 
-@cache
 def droop(weight, length=0.12):
     """Height (m) of the tip of a level cantilever with a mass (kg) there."""
-
-    def slope(s, y, p):
-        pull = W * (length - s) + weight * G
-        return np.array([y[1], pull * np.cos(y[0]) / EI, np.cos(y[0]), np.sin(y[0])])
-
-    s = np.linspace(0, length, 101)
-    found = solve_bvp(
-        lambda s, y: slope(s, y, None), lambda a, b: np.array([a[0], b[1], a[2], a[3]]), s,
-        np.array([-0.5 * s / length, 0 * s, s, 0 * s]), tol=1e-9, max_nodes=20000,
-    )  # fmt: skip
-    assert found.success
-    return float(found.sol(length)[3])
+    return float(cantilever.solution(length, EI, W, load=weight * G)(length)[1])
 
 
 @cache
@@ -100,18 +72,21 @@ def deflection(force):
 def loop(name):
     """Depth (m) of the middle of a heart or a ring."""
     if name == "heart":
-        strip = closed_or_spanned(
-            np.pi / 2, -5 * np.pi / 2, 0.0, lambda t: np.pi / 2 - 3 * np.pi * t - 1.2 * np.sin(4 * np.pi * t)
-        )
+        strip = heart()
     else:
         strip = closed_or_spanned(0.0, -2 * np.pi, 0.0, lambda t: -2 * np.pi * t - 0.5 * np.sin(4 * np.pi * t))
-    return -float(strip(0.5 * L)[3])
+    return -float(strip(0.5 * L)[1])
+
+
+def heart(gap=0.0):
+    """The strip with both ends in one clamp, ``gap`` (m) apart."""
+    return closed_or_spanned(np.pi / 2, -5 * np.pi / 2, -gap, lambda t: np.pi / 2 - 3 * np.pi * t - 1.2 * np.sin(4 * np.pi * t))
 
 
 @cache
 def sag(span):
     """Sag (m) of the middle between level clamps."""
-    return -float(closed_or_spanned(0.0, 0.0, span, lambda t: -1.2 * np.sin(2 * np.pi * t), CABLE)(0.5 * L)[3])
+    return -float(closed_or_spanned(0.0, 0.0, span, lambda t: -1.2 * np.sin(2 * np.pi * t), CABLE)(0.5 * L)[1])
 
 
 def bench(name, noise=True, seed=0):
@@ -148,22 +123,15 @@ def test_closed_forms_are_near(name, near):
     assert found.guess == pytest.approx(true, rel=near)
 
 
-@pytest.mark.parametrize("name", ["droop", "peirce", "three-point"])
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("heart", "ring", "hanging")]
+
+
+@pytest.mark.parametrize("name", ["droop", "peirce", "three-point", *SLOW])
 def test_a_table_gives_the_stiffness(name, tmp_path):
-    holds(name, tmp_path)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["heart", "ring", "hanging"])
-def test_a_loop_or_a_sag_gives_the_stiffness(name, tmp_path):
-    holds(name, tmp_path)
-
-
-def holds(name, folder):
     """The interval of a fit to noisy readings holds the truth, and is narrow for the test; the study can be written."""
     found, true = bench(name)
     study = bench_study(found)
-    save_study(study, folder / name)
+    save_study(study, tmp_path)
     e = fit(study).estimates["bending_stiffness"]
     assert e.low < true < e.high
     assert e.high - e.low < (0.3 if name == "hanging" else 0.2) * true

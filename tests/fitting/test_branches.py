@@ -13,12 +13,10 @@ from scan2flex_jax.study import load_study
 
 from . import scenes
 
-NAMES = ("plane", "twist-90", "aside-45", "unseen")
-
 
 def with_turns(more):
     """The simulated cable with a full turn more (or less) than its poses have."""
-    study = scenes.study_of(poses=NAMES)
+    study = scenes.study_of(poses=scenes.NAMES)
     return branches.with_turns(study, {p.name: p.turns + more.get(p.name, 0) for p in study.poses})
 
 
@@ -35,7 +33,7 @@ def right():
 @pytest.mark.parametrize("wrong", [{"aside-45": -1}, {"unseen": 1}], ids="+".join)
 def test_a_full_turn_too_many_is_found_and_said(right, wrong):
     f = fit(with_turns(wrong), elements=scenes.ELEMENTS)
-    assert {n for n in NAMES if any(f"pose {n} was solved with turns =" in s for s in f.sentences)} >= set(wrong)
+    assert {n for n in scenes.NAMES if any(f"pose {n} was solved with turns =" in s for s in f.sentences)} >= set(wrong)
     assert all(p.rms < 1.05 * right.poses[name].rms for name, p in f.poses.items())
     for name, estimate in right.estimates.items():
         assert f.estimates[name].value == pytest.approx(estimate.value, rel=1e-4)

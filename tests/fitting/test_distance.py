@@ -5,11 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scan2flex_jax.fitting.distance import (
-    closest_arc_length,
-    integrated_residuals,
-    normal_residuals,
-)
+from scan2flex_jax.fitting.distance import closest_arc_length, integrated_residuals, normal_residuals
 
 L, N = 1.3, 40
 DS = L / N
@@ -96,10 +92,9 @@ def test_first_two_components_are_normals(distance):
     np.testing.assert_allclose(inner[:, 2], 0.0, atol=1e-6)
 
 
-@pytest.mark.parametrize("count", [37])
-def test_integrated_residuals_are_pi(count):
+def test_integrated_residuals_are_pi():
     """Two straight lines that part by the angle phi: Pi = 4 L^2 sin(phi/2)^2 / 3, for any spacing of the points."""
-    phi = 0.1
+    phi, count = 0.1, 37
     s = L * jnp.linspace(0.0, 1.0, count) ** 1.4
     points = jnp.stack([jnp.cos(phi) * s, jnp.sin(phi) * s, 0 * s], axis=1)
     residual, _ = equal_length(*straight(), DS, points, s, same)

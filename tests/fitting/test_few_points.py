@@ -1,4 +1,4 @@
-"""A curve of as few points as `check` accepts can be fitted, and explained."""
+"""Curves of as few points as `check` accepts, and one to three readings: fitted, and other shapes that fit them are said."""
 
 from dataclasses import replace
 
@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.inference import explain, fit
-from scan2flex_jax.study import MeasuredCurve
+from scan2flex_jax.inference.answer import FAIR
+from scan2flex_jax.study import Clamp, EffectDeclaration, Markers, MeasuredCurve, Study, StudyPose, Unknown
 
 from . import scenes
+from .test_bending_tests import DENSITY, EI, G, L, heart
+from .test_misread import FINE, LIMP, STIFF, cantilever
 
 NOISE = 5e-4  # m
 TRUE = (scenes.EI, scenes.GJ)
+GAP = 2e-4  # m: of a heart loop, a strip that hangs with both ends in one clamp
+UP, DOWN = [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0]
 
 
 def few(n, power, noise=0.0):
@@ -60,3 +65,28 @@ def test_a_curve_that_covers_little_of_the_cable_gives_a_start():
     near = [replace(p, curve=MeasuredCurve(scenes.example().pose(p.name).curve.points[20:25])) for p in study.poses]
     problem = scenes.Problem(replace(study, poses=tuple(near)), scenes.ELEMENTS)
     assert all(np.all(np.isfinite(x)) for x in problem.starts())
+
+
+def test_a_heart_loop_by_its_height_alone():
+    """The strip hangs in a plane; at other stiffnesses shapes out of it reach the same depth."""
+    strip = EffectDeclaration("anisotropic_bending", {"ratio": 1000.0, "angle": np.pi / 2})
+    pose = StudyPose(
+        "loop", "fit", Clamp.of(([0, 0, 0], UP)), Clamp.of(([-GAP, 0, 0], DOWN)), noise=5e-4,
+        markers=Markers([[np.nan, np.nan, float(heart(GAP)(0.5 * L)[1])]], [0.5 * L]),
+    )  # fmt: skip
+    known = {"length": L, "length_density": DENSITY, "torsional_stiffness": 1.6e-5}
+    f = fit(Study("Heart", [0, 0, -G], known, (pose,), unknowns=[Unknown("bending_stiffness")], effects=[strip]))
+    e = f.estimates["bending_stiffness"]
+    assert f.answer.tone == FAIR and not e.identifiable and e.low is None
+    said = f.answer.belief
+    assert "1 reading fits" in said and "stable shapes: bending_stiffness = " in said and "measure the curve" in said
+    values = [float(x) for x in said.split(" = ")[1].split(" N m^2")[0].split(" or ")]
+    assert min(abs(v / EI - 1) for v in values) < 0.01 and max(values) > 1.15 * min(values)
+
+
+@pytest.mark.parametrize(("cable", "load", "measured"), [(STIFF, 30.0, "z"), (LIMP, 0.0, "z"), (LIMP, 0.0, "xyz")])
+def test_a_droop_test_has_one_shape(cable, load, measured):
+    f = fit(cantilever(cable, (load,), [1.0], measured, FINE))
+    e = f.estimates["bending_stiffness"]
+    assert f.in_doubt == () and e.identifiable
+    assert e.value == pytest.approx(cable[1], rel=0.02)

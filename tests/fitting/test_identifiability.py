@@ -7,23 +7,23 @@ import pytest
 
 from scan2flex_jax.inference import fit
 from scan2flex_jax.study import EffectDeclaration, Tolerance, Unknown, load_study
+from tests.reference import rotations
 
 from . import scenes
 
 DATA = Path(__file__).parents[1] / "data"
-TRUE = {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ}
 
 
 def test_only_the_ratio_to_the_density():
     study = scenes.study_of([Unknown("length_density", guess=0.3), *scenes.BOTH])
-    curves = scenes.exact_curves(study, TRUE | {"length_density": 0.2})
+    curves = scenes.exact_curves(study, scenes.TRUE | {"length_density": 0.2})
     f = fit(scenes.measured(study, curves, 3e-4), elements=scenes.ELEMENTS)
     assert any(
         "only the ratio of bending_stiffness and torsional_stiffness to the density are determined" in s for s in f.sentences
     ), f.sentences
     assert not any(e.identifiable for e in f.estimates.values())
     density = f.estimates["length_density"].value
-    for name, value in TRUE.items():
+    for name, value in scenes.TRUE.items():
         np.testing.assert_allclose(f.estimates[name].value / density, value / 0.2, rtol=2e-2)
     assert "NOT DETERMINED" in f.summary()
 
@@ -31,7 +31,7 @@ def test_only_the_ratio_to_the_density():
 @pytest.mark.parametrize("noise", [0.0, 3e-4])
 def test_a_plane_pose_has_no_information_on_torsion(noise):
     study = scenes.study_of(poses=("plane",))
-    f = fit(scenes.measured(study, scenes.exact_curves(study, TRUE), noise), elements=scenes.ELEMENTS)
+    f = fit(scenes.measured(study, scenes.exact_curves(study, scenes.TRUE), noise), elements=scenes.ELEMENTS)
     assert f.estimates["bending_stiffness"].identifiable
     bending = f.estimates["bending_stiffness"]
     assert abs(bending.value - scenes.EI) < 4 * bending.std + 1e-4 * scenes.EI
@@ -45,8 +45,7 @@ def test_natural_curvature_in_the_plane_of_a_clamped_pose_is_invisible():
     study = scenes.study_of(unknowns, poses=("plane",))
     truth = {"bending_stiffness": np.array([0.1, 0.1]), "natural_curvature": np.zeros(3)}
     f = fit(scenes.measured(study, scenes.exact_curves(study, truth), 3e-4), elements=scenes.ELEMENTS)
-    w, x, y, z = study.poses[0].start.quaternion
-    d1 = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
+    d1 = rotations.matrix(study.poses[0].start.quaternion)[:, 0]
     across = 0 if abs(d1[1]) > 0.9 else 1  # the axis that is normal to the plane x-z
     assert any(f"natural_curvature[{across}]" in s for s in f.sentences), f.sentences
     assert not f.estimates["natural_curvature"].identifiable
@@ -71,22 +70,22 @@ def test_a_span_over_the_whole_cable_is_a_factor_on_its_stiffness():
     guesses = {"position": 0.5, "width": 1.4, "factor": 1.1}
     unknowns = [*scenes.BOTH, *(Unknown(f"stiffness_profile.{n}", guess=g) for n, g in guesses.items())]
     study = scenes.study_of(unknowns, effects=[EffectDeclaration("stiffness_profile", {})])
-    truth = TRUE | {f"stiffness_profile.{n}": g for n, g in (guesses | {"factor": 1.0}).items()}
+    truth = scenes.TRUE | {f"stiffness_profile.{n}": g for n, g in (guesses | {"factor": 1.0}).items()}
     f = fit(scenes.measured(study, scenes.exact_curves(study, truth), 3e-4), elements=scenes.ELEMENTS)
     factor = f.estimates["stiffness_profile.factor"].value
     for name, e in f.estimates.items():
         assert not e.identifiable and e.low is None, name
-        if name in TRUE:
-            assert e.value * factor == pytest.approx(TRUE[name], rel=0.02)
+        if name in scenes.TRUE:
+            assert e.value * factor == pytest.approx(scenes.TRUE[name], rel=0.02)
     assert any("covers the whole cable" in s for s in f.sentences), f.sentences
 
 
 def test_what_a_tolerance_has_in_common_is_in_the_intervals():
     """EI and GJ per mass are known far better than the mass: correlated by more than 0.999, each is known to its tolerance."""
     study = scenes.study_of(tolerance=Tolerance(length_density=0.02 * 0.2))
-    f = fit(scenes.measured(study, scenes.exact_curves(study, TRUE), 2e-5, stated=2e-5), elements=scenes.ELEMENTS)
+    f = fit(scenes.measured(study, scenes.exact_curves(study, scenes.TRUE), 2e-5, stated=2e-5), elements=scenes.ELEMENTS)
     assert f.correlation[0, 1] > 0.999
-    for name, value in TRUE.items():
+    for name, value in scenes.TRUE.items():
         e = f.estimates[name]
         assert e.identifiable and e.std / e.value == pytest.approx(0.02, rel=0.2)
         assert e.low < value < e.high
@@ -94,8 +93,7 @@ def test_what_a_tolerance_has_in_common_is_in_the_intervals():
 
 @pytest.mark.slow
 def test_minima_far_apart_that_fit_as_well_are_said():
-    """A rod whose stiffness falls fifty-fold, as a taper and a span; a descent from the guesses ends in a span over all of it.
-    """
+    """A rod whose stiffness falls fifty-fold, as a taper and a span; a descent from guesses ends in a span over all of it."""
     f = fit(load_study(DATA / "tapered-rod"))
     assert f.rms("fit") < 1e-3
     (said,) = f.in_doubt

@@ -20,7 +20,6 @@ GRID = np.linspace(1.0, 8.0, 8)
 
 
 ALL = (*scenes.BOTH, Unknown("bending_law.factor"))
-TRUE = {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ}
 
 
 def with_law(unknowns=ALL, **parameters):
@@ -35,7 +34,7 @@ def found(request):
     """The name of a law, and the fit of shapes that another effect type made with it."""
     truth = EffectDeclaration("nonlinear_bending", {"slip_curvature": SLIP, "ratio": LAWS[request.param]})
     elements = scenes.ELEMENTS * (2 if request.param == "slipping" else 1)  # it bends sharply at its clamps
-    curves = scenes.exact_curves(scenes.study_of(effects=[truth]), TRUE, elements=elements)
+    curves = scenes.exact_curves(scenes.study_of(effects=[truth]), scenes.TRUE, elements=elements)
     return request.param, fit(scenes.measured(with_law(), curves, noise=NOISE, seed=3, stated=NOISE), elements=elements)
 
 
@@ -156,7 +155,7 @@ def test_a_law_takes_no_range_and_no_prior_but_its_own(said):
 
 def test_a_law_that_is_given_is_no_finding():
     study = with_law(scenes.BOTH, factor=np.linspace(1.0, 0.4, 8))
-    curves = scenes.exact_curves(study, TRUE)
+    curves = scenes.exact_curves(study, scenes.TRUE)
     result = fit(scenes.measured(study, curves, noise=NOISE, stated=NOISE), elements=scenes.ELEMENTS)
     (law,) = result.laws
     assert law.p_value is None
@@ -164,3 +163,18 @@ def test_a_law_that_is_given_is_no_finding():
     assert law.sentences() == law.readings == ()
     assert "p_value" not in law.to_json()
     assert result.estimates["bending_stiffness"].low < scenes.EI < result.estimates["bending_stiffness"].high
+
+
+@pytest.mark.slow
+def test_a_strip_of_fabric_shows_softening():
+    """It yields beside its clamp, and its stiffness falls a hundredfold. The other photograph alone leaves it undecided between
+    a law and a deviation of its own."""
+    study = scenes.example("textile-strip")
+    law = EffectDeclaration("bending_law", {"curvature": np.geomspace(0.5, 40.0, 12)})
+    unknowns = (*study.unknowns, Unknown("bending_law.factor"))
+    pose = replace(study.pose("strip-a"), role="fit")
+    (law,) = fit(replace(study, poses=(pose,), effects=(law,), unknowns=unknowns)).laws
+    assert not law.linear
+    softening = next(r for r in law.readings if r.name == "softening")
+    assert softening.high < 0.2
+    assert np.all(np.diff(law.moment) > 0)

@@ -1,49 +1,35 @@
 """A single misread value among markers is named: a sign, a digit, exchanged rows, on shapes of the plane elastica.
 
-EI theta'' = (w (L - s) + P) cos(theta), theta(0) = theta'(L) = 0 (`scipy.integrate.solve_bvp`): a stiff beam that bends by a
-few millimetres, and a limp one that hangs down.
+By `tests.reference.cantilever`: a stiff beam that bends by a few millimetres, and a limp one that hangs down.
 """
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_bvp
 
 from scan2flex_jax import Clamp, EffectDeclaration, Markers, Study, StudyPose, Unknown, fit
 from scan2flex_jax.inference.settings import Settings
+from tests.reference.cantilever import solution
 
 LEVEL = [[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]
 G = 9.81
 STIFF, LIMP = (0.5, 393.0, 0.85), (1.0, 0.1, 0.2)  # length (m), EI (N m^2), mass per length (kg/m)
 
 
-@cache
 def elastica(cable, load):
-    """Solution (theta, kappa, x, z) along s of a level cantilever with a load (N) at its tip."""
+    """State (x, z, angle, curvature) along s of a level cantilever with a load (N) at its tip."""
     L, EI, density = cable
-
-    def slope(s, y):
-        return np.array([y[1], (density * G * (L - s) + load) * np.cos(y[0]) / EI, np.cos(y[0]), np.sin(y[0])])
-
-    def ends(a, b):
-        return np.array([a[0], b[1], a[2], a[3]])
-
-    s = np.linspace(0, L, 101)
-    found = solve_bvp(slope, ends, s, np.array([-0.1 * s, 0 * s, s, 0 * s]), tol=1e-9, max_nodes=20000)
-    assert found.success
-    return found.sol
+    return solution(L, EI, density * G, load=load)
 
 
 def cantilever(cable, loads, at, measured, noise, *, seed=0, stated=None):
-    """A study of EI from markers at ``at`` (shares of the length) under these loads at the tip (N), rounded as they are read.
-    """
+    """A study of EI from markers at ``at`` (shares of the length) under loads at the tip (N), rounded as they are read."""
     L, _, density = cable
     rng, poses = np.random.default_rng(seed), []
     for k, load in enumerate(loads):
         s = L * np.array(at)
-        _, _, x, z = elastica(cable, load)(s)
+        x, z, _, _ = elastica(cable, load)(s)
         points = np.stack([x, 0 * x, z], axis=1) + noise * rng.standard_normal((len(s), 3))
         points = np.where([name in measured for name in "xyz"], np.round(points, 5 if noise < 1e-4 else 4), np.nan)
         poses.append(StudyPose(f"load-{k + 1}", "fit", Clamp.of(([0, 0, 0], LEVEL)), markers=Markers(points, s), noise=stated))

@@ -16,8 +16,7 @@ from scan2flex_jax.study.rotations import columns
 
 from . import scenes
 
-TRUE = {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ}
-NAMES, NOISE = ("plane", "twist-90", "aside-45", "unseen"), 3e-4  # m
+NOISE = 3e-4  # m
 FEW = ["--elements", str(scenes.ELEMENTS)]
 ROLLED = "end rolled by 90 degrees in all poses"
 HIDDEN = {
@@ -26,11 +25,12 @@ HIDDEN = {
     "sign of the rolls from pose to pose": "turn the roll of the end clamps about d3 the other way",
     "gravity along another axis": "write gravity = [0, 0, -9.81]",
 }
+
+
 def right(effects=()):
     """Four fitted poses with a little noise, as they were measured."""
-    study = scenes.study_of(poses=NAMES, effects=effects)
-    study = replace(study, poses=tuple(replace(pose, role="fit") for pose in study.poses))
-    return replace(scenes.measured(study, scenes.exact_curves(study, TRUE), NOISE), effects=())
+    study = scenes.to_fit(scenes.study_of(poses=scenes.NAMES, effects=effects))
+    return replace(scenes.measured(study, scenes.exact_curves(study, scenes.TRUE), NOISE), effects=())
 
 
 def made(kind):

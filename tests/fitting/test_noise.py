@@ -1,5 +1,6 @@
-"""The noise of measured curves as their points show it, the most likely discrepancy of a residual, and points in a plane."""
+"""The noise of measured curves as their points show it, each pose with its own, and the likely discrepancy of a residual."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -7,10 +8,14 @@ import pytest
 
 from scan2flex_jax.fitting.discrepancy import Discrepancy, most_likely_part
 from scan2flex_jax.fitting.noise import Noise, white_noise
+from scan2flex_jax.inference import fit
+from scan2flex_jax.study import MeasuredCurve
+
+from . import scenes
 
 LENGTH, POINTS = 1.0, 64
 S = LENGTH * np.linspace(0.01, 0.99, POINTS)
-TRUE = np.array([2.0e-4, 4.0e-4, 0.07])  # white, correlated (m), correlation length (m)
+FINE, ROUGH = 1e-4, 5e-3  # m
 
 
 def smooth_columns(count=6):
@@ -65,3 +70,36 @@ def test_white_noise_of_few_or_repeated_points():
     assert white_noise(Curve(line[:4])) == np.inf
     assert white_noise(Curve(np.repeat(line[:2], 10, axis=0))) == np.inf
     assert white_noise(Curve(line[:4], noise=2e-4)) == 2e-4
+
+
+def fitted(noises, *poses):
+    """The fit of poses with white noise of these sizes (m), stated."""
+    study, rng = scenes.study_of(poses=poses or scenes.NAMES[:3]), np.random.default_rng(5)
+    curves = scenes.exact_curves(study, scenes.TRUE)
+    noisy = [MeasuredCurve(c + size * rng.standard_normal(c.shape)) for c, size in zip(curves, noises, strict=True)]
+    poses = tuple(replace(p, curve=c, noise=n) for p, c, n in zip(study.poses, noisy, noises, strict=True))
+    return fit(replace(study, poses=poses), elements=scenes.ELEMENTS)
+
+
+def precision(found):
+    """Inverse covariance (2, 2) of the logarithms of EI and GJ."""
+    spread = np.array([found.estimates[name].std / found.estimates[name].value for name in scenes.TRUE])
+    return np.linalg.inv(found.correlation * np.outer(spread, spread))
+
+
+@pytest.mark.slow
+def test_poses_weigh_by_their_own_noise():
+    """Information adds up: what two poses of 50 times the noise tell, and the fine one, each fitted alone."""
+    whole, fine, rough = fitted((ROUGH, FINE, ROUGH)), fitted((FINE,), "twist-90"), fitted((ROUGH, ROUGH), "plane", "aside-45")
+    both = np.sqrt(np.diag(np.linalg.inv(precision(fine) + precision(rough))))
+    for (name, value), std in zip(scenes.TRUE.items(), both, strict=True):
+        e = whole.estimates[name]
+        assert abs(e.value - value) < 3.0 * e.std
+        assert e.std / e.value == pytest.approx(std, rel=0.25)
+
+
+def test_equal_noises_are_those_of_before():
+    """A noise that all poses state is that of the fit, whatever its size."""
+    whole = fitted((FINE, FINE, FINE))
+    assert whole.noise.total == pytest.approx(FINE, rel=0.3)
+    assert whole.problem.poses.noise is None

@@ -18,20 +18,6 @@ GRIP = EffectDeclaration("clamp_rotation", {})
 FIELD = EffectDeclaration("curvature_profile", {"s": [0.1, 0.5, 0.9]})
 YIELD = EffectDeclaration("elastic_clamp", {})
 SLIGHT = Tolerance(clamp_position=1e-3, clamp_rotation=0.02)
-TRUE = {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ}
-
-
-def test_positive_numbers_are_logarithms():
-    study = scenes.study_of([Unknown("bending_stiffness", guess=np.array([0.1, 0.2])), Unknown("natural_curvature")])
-    layout = layout_of(study)
-    x = start_vector(study, layout, {})
-    np.testing.assert_allclose(x, [np.log(0.1), np.log(0.2), 0.0, 0.0, 0.0])
-    assert [s.log for s in layout.slots] == [True, False]
-    assert layout.labels == [f"bending_stiffness[{i}]" for i in (0, 1)] + [f"natural_curvature[{i}]" for i in (0, 1, 2)]
-    np.testing.assert_allclose(values_of(layout, x)["bending_stiffness"], [0.1, 0.2])
-    model = model_at(layout, template(study), x)
-    np.testing.assert_allclose(model.cable.bending_stiffness, [0.1, 0.2])
-    np.testing.assert_allclose(model.cable.torsional_stiffness, scenes.GJ)
 
 
 def test_tolerances_stand_behind_the_unknowns():
@@ -119,7 +105,7 @@ def tilted_clamps():
     pairs = []
     for seed in range(8):
         local = np.random.default_rng(seed).standard_normal((3, 12))
-        curves = scenes.exact_curves(loose, TRUE, local)
+        curves = scenes.exact_curves(loose, scenes.TRUE, local)
         both = (scenes.measured(s, curves, 3e-4, seed) for s in (plain, loose))
         pairs.append([fit(s, elements=scenes.ELEMENTS) for s in both])
     return pairs
@@ -128,8 +114,8 @@ def tilted_clamps():
 @pytest.mark.slow
 def test_tolerances_absorb_errors_of_clamps(tilted_clamps):
     """Errors in units of the quoted standard error: as large as quoted with the tolerance, and no bias."""
-    logs = np.array([[np.log(f[1].estimates[n].value / v) for n, v in TRUE.items()] for f in tilted_clamps])
-    quoted = np.array([[f[1].estimates[n].std / f[1].estimates[n].value for n in TRUE] for f in tilted_clamps])
+    logs = np.array([[np.log(f[1].estimates[n].value / v) for n, v in scenes.TRUE.items()] for f in tilted_clamps])
+    quoted = np.array([[f[1].estimates[n].std / f[1].estimates[n].value for n in scenes.TRUE] for f in tilted_clamps])
     z = logs / quoted
     assert np.all(np.abs(z) < 4.0), z
     assert np.all(np.sqrt(np.mean(z**2, axis=0)) < 1.9), z  # chi-squared of 8: 1.8 is its 99.9 % point
@@ -148,7 +134,7 @@ def test_range_is_kept_and_the_bound_is_flagged(tmp_path):
     """A range above the truth: the estimate lies on its lower bound, says so, stays there whichever pose is left out, and the
     calibrated study, with that value, can be read."""
     study = scenes.study_of([Unknown("bending_stiffness", low=0.104, high=1.0), Unknown("torsional_stiffness")])
-    curves = scenes.exact_curves(scenes.study_of(), TRUE)
+    curves = scenes.exact_curves(scenes.study_of(), scenes.TRUE)
     f = fit(scenes.measured(study, curves, 1e-4), elements=scenes.ELEMENTS)
     held = f.estimates["bending_stiffness"]
     assert held.at_bound and 0.104 <= held.value < 0.104 * (1 + 1e-9)

@@ -1,8 +1,7 @@
 """Poses that differ in what acts in them: a known weight hung in some, and a rig that was turned in others.
 
-Shapes come from other solvers: the clamped pose from `cosserat_bvp`, the cantilevers from the plane elastica
-EI theta'' = (w (L - s) + P) cos(theta), theta(0) = theta'(L) = 0, with the angle theta above the horizontal, the weight w per
-length and the load P at the tip.
+Shapes come from other solvers: the clamped pose from `cosserat_bvp`, the cantilevers from the plane elastica of
+`tests.reference.cantilever`.
 """
 
 from dataclasses import replace
@@ -11,7 +10,6 @@ from functools import cache
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import solve_bvp
 from scipy.spatial.transform import Rotation
 
 from scan2flex_jax import Clamp, EffectDeclaration, MeasuredCurve, Study, StudyPose, Unknown, fit, predict, residual_function
@@ -19,6 +17,7 @@ from scan2flex_jax.effects.catalogue import entry_of
 from scan2flex_jax.inference.mesh import mesh_error
 from scan2flex_jax.inference.program import Component, Program
 from tests.reference import clamped_cases
+from tests.reference.cantilever import positions
 
 EI, GJ, DENSITY, G = 0.1, 0.25, 0.2, 9.81  # those of the reference poses
 MASS, PLACE = 0.05, 1.0  # kg, m: at the very tip
@@ -33,21 +32,9 @@ def clamp(position, frame):
     return Clamp.of((position, frame))
 
 
-@cache
 def cantilever(load):
     """Points (60, 3) of a level cantilever along x, with a load (N) at its tip."""
-
-    def slope(s, y):
-        return np.array([y[1], (DENSITY * G * (1 - s) + load) * np.cos(y[0]) / EI, np.cos(y[0]), np.sin(y[0])])
-
-    def ends(a, b):
-        return np.array([a[0], b[1], a[2], a[3]])
-
-    s = np.linspace(0, 1, 101)
-    found = solve_bvp(slope, ends, s, np.array([-np.minimum(4 * s, 1.4), 0 * s, s, -s]), tol=1e-9, max_nodes=20000)
-    assert found.success
-    x, z = found.sol(STATIONS)[2:]
-    return np.stack([x, 0 * x, z], axis=1)
+    return positions(1.0, EI, DENSITY * G, 0.0, STATIONS, load)
 
 
 @cache
@@ -144,12 +131,9 @@ def test_the_residual_function_solves_each_pose_with_its_own_model():
     both = study()
     function, _ = residual_function(both, noise=1e-3)
     x = jnp.log(jnp.array([DENSITY, EI, GJ]))
-    alone, last = [], both.poses[-1:]  # each pose alone has the same answer: that of the one with the weight is enough
-    for pose in last:
-        effects = tuple(e for e in both.effects if pose.name in e.poses)
-        one, _ = residual_function(replace(both, poses=(pose,), effects=effects), noise=1e-3)
-        alone.append(np.asarray(one(x)))
-    np.testing.assert_allclose(function(x)[-len(alone[0]) :], alone[0], atol=1e-6)
+    one, _ = residual_function(replace(both, poses=both.poses[-1:]), noise=1e-3)  # that with the weight
+    alone = np.asarray(one(x))
+    np.testing.assert_allclose(function(x)[-len(alone) :], alone, atol=1e-6)
     assert np.max(np.abs(function(x))) < 0.2  # of a noise of 1 mm
 
 

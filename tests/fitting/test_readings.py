@@ -1,8 +1,8 @@
-"""Readings that are no points of the centre curve: closed forms, an independent solver, and derivatives against differences.
+"""Readings that are no points of the centre curve: closed forms, an independent solver, derivatives, and what is made of them.
 
 Twisted: a straight weightless cable between clamps, its end turned by ``phi``: the section at ``s`` is turned by
 ``phi s / L``, a mark beside the axis with it, and the torque is ``GJ phi / L``. Bent: a level cantilever with a load at its
-tip, by `solve_bvp` of the plane elastica (`test_misread.elastica`).
+tip (`test_misread.elastica`).
 """
 
 from dataclasses import replace
@@ -24,8 +24,12 @@ from scan2flex_jax import (
     Tolerance,
     Unknown,
     Wrench,
+    expect,
+    explain,
     fit,
+    plan,
     predict,
+    report,
     residual_function,
 )
 from scan2flex_jax.fitting.problem import Problem
@@ -36,7 +40,7 @@ ELEMENTS = 20
 CABLE = (0.55, 4.3, 0.58)  # length (m), EI (N m^2), mass per length (kg/m)
 L, EI, DENSITY = CABLE
 GJ, PHI, WEIGHT, SAG = 1.7, 0.6, 6.0, 1e-3  # N m^2, rad, N, m
-X, Y, Z = np.eye(3)
+X, Y, _ = np.eye(3)
 NAMES = ("bending_stiffness", "torsional_stiffness")
 NAN = np.nan
 CLAMP = Clamp.of(([0, 0, 0], LEVEL))
@@ -62,18 +66,17 @@ def twisted(s=0.217, offset=(0.02, -0.01)):
 def bent(load, s=0.4, **given):
     """A cantilever with a load (N) at its tip: the slope at ``s`` and at the end, force and moment of the clamp."""
     found = elastica(CABLE, load)
-    angles = [Angle(at, -found(at)[0], 0.01, about=Y, zero=X) for at in (s, L)]
-    moment = EI * found(0)[1]  # of the solution, which bends by theta' = moment / EI
-    wrench = Wrench("start", [0, 0, load + DENSITY * G * L], 0.1, [NAN, moment, NAN], 0.01)
+    angles = [Angle(at, -found(at)[2], 0.01, about=Y, zero=X) for at in (s, L)]
+    wrench = Wrench("start", [0, 0, load + DENSITY * G * L], 0.1, [NAN, EI * found(0)[3], NAN], 0.01)
     return StudyPose(f"{load:g} N", "fit", CLAMP, angle=angles, wrench=[wrench], **given)
 
 
 def change(load, s=0.4):
     """The displacement of a marker, of the slope, and of the force at the clamp, against the cantilever without load."""
     a, b = (elastica(CABLE, f) for f in (0.0, load))
-    moved = b(s)[2:] - a(s)[2:]
+    moved = b(s)[:2] - a(s)[:2]
     pose = bent(load, s)
-    angles = [replace(one, value=one.value + a(one.s)[0], zero=None) for one in pose.angle]
+    angles = [replace(one, value=one.value + a(one.s)[2], zero=None) for one in pose.angle]
     wrench = Wrench("start", [0, 0, load], 0.1)
     marks = Markers([[moved[0], 0.0, moved[1]]], [s])
     return replace(pose, name=f"by {load:g} N", markers=marks, angle=angles, wrench=[wrench], change_from="free", noise=SAG)
@@ -148,9 +151,7 @@ def test_traced_residuals_are_those_of_the_fit():
     keep = np.asarray(problem.poses.mask[0]) > 0
     weight = np.where(problem.poses.seen[0][keep], 0.5, 1.0)[:, None]  # the noise of points is given, that of readings stated
     np.testing.assert_allclose(function(x) * SAG, (weight * found.residual[0, keep]).ravel(), atol=1e-9)
-    np.testing.assert_allclose(
-        jax.jacfwd(function)(x)[:, 0] * SAG, (weight * found.jacobian[0, keep, :, 0]).ravel(), atol=1e-7
-    )
+    np.testing.assert_allclose(jax.jacfwd(function)(x)[:, 0] * SAG, (weight * found.jacobian[0, keep, :, 0]).ravel(), atol=1e-7)
 
 
 @pytest.mark.parametrize("which", [("change",), ("twisted", "bent", "change")])
@@ -183,3 +184,25 @@ def test_predictions_have_the_readings():
         for one in p.readings:
             np.testing.assert_allclose(one.modelled, one.measured, atol=0.02 * one.noise)
     assert "angle of d3 at s = 0.4 m" in " ".join(found["6 N"].lines())
+
+
+@pytest.mark.slow
+def test_nothing_is_missing_where_all_readings_fit():
+    e = explain(study(), elements=ELEMENTS)
+    assert e.verdict == "no missing effect"
+    poses = e.to_json()["poses"]
+    assert [len(poses[name]["readings"]) for name in ("twisted", "6 N", "by 12 N")] == [2, 4, 3]
+    assert "rms" not in poses["6 N"] and np.isfinite(poses["twisted"]["rms"])
+    ranked = plan(e)
+    assert any(c.parameters > 0 for c in ranked.candidates)
+    assert "force at the start, axes of the scan" in report(e, elements=ELEMENTS)
+
+
+@pytest.mark.slow
+def test_what_a_wrench_will_tell():
+    """Of a pose with angles and a wrench alone nothing else is measured in simulation."""
+    guessed = replace(study(("bent",), ("bending_stiffness",)), unknowns=(Unknown("bending_stiffness", guess=EI),))
+    found = expect(guessed, elements=ELEMENTS)
+    std = found.estimates["bending_stiffness"].std
+    slopes = [0.01 / abs(one.value) for one in guessed.pose("6 N").angle]  # of each angle, which is in proportion to 1 / EI
+    assert std / EI == pytest.approx(1 / np.sqrt(sum(1 / s**2 for s in slopes)), rel=0.1)

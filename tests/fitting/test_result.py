@@ -78,8 +78,7 @@ def test_json_of_real_studies(real):
 def test_json_without_error_bars_has_no_nan():
     """A plane pose and both stiffnesses: GJ has no standard error, and nothing in the file is NaN or infinite."""
     study = scenes.study_of(poses=("plane",))
-    curves = scenes.exact_curves(study, {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ})
-    f = fit(scenes.measured(study, curves, 3e-4), elements=scenes.ELEMENTS)
+    f = fit(scenes.measured(study, scenes.exact_curves(study, scenes.TRUE), 3e-4), elements=scenes.ELEMENTS)
     data = json.loads(json.dumps(f.to_json(), allow_nan=False))
     check_object(data)
     assert data["estimates"]["torsional_stiffness"]["identifiable"] is False

@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from scipy.integrate import solve_bvp
 
 from benchmarks import virtual_experiments as virtual
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.inference import fit
 from scan2flex_jax.scan import scanner
 from scan2flex_jax.study import Clamp, Study, StudyPose, Tolerance, Unknown
-from tests.reference import rotations
+from tests.reference import cantilever, rotations
 
 TRUE = virtual.PTFE.bending
 PLAIN = Study("free", np.array([0.0, 0.0, -virtual.GRAVITY]), {}, (), unknowns=(Unknown("bending_stiffness"),))
@@ -54,26 +53,12 @@ def test_tolerances_of_the_clamps_are_priors_for_scans_too(study, fitted):
     assert e.std > fitted.estimates["bending_stiffness"].std
 
 
-def cantilever(x, count=401):
-    """The heavy cantilever of a cable (count, 3) in m, clamped along +x: EI theta'' = -q (L - s) cos theta, by collocation."""
-    q, s = virtual.GRAVITY * x.density, np.linspace(0.0, x.length, count)
-
-    def slopes(s, y):
-        return np.stack([y[1], -q * (x.length - s) * np.cos(y[0]) / x.bending, np.cos(y[0]), -np.sin(y[0])])
-
-    def ends(a, b):
-        return np.array([a[0], b[1], a[2], a[3]])
-
-    y = solve_bvp(slopes, ends, s, np.zeros((4, count)), tol=1e-8, max_nodes=20_000).sol(s)
-    return np.stack([y[2], 0.0 * s, y[3]], axis=1)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("views", [1, 2])
 def test_a_cable_with_a_free_end(tmp_path, views):
     """A heavy cantilever and a table under it, no guide points: found, fitted, inside the interval."""
     x = replace(virtual.PTFE, length=0.5, eyes=virtual.PTFE.eyes[:views])
-    curve = cantilever(x)
+    curve = cantilever.positions(x.length, x.bending, virtual.GRAVITY * x.density, 0.0, np.linspace(0.0, x.length, 401))
     clutter = [scanner.clamp_block(curve[0], -virtual.START[:, 2], x.radius), scanner.table(curve, x.radius)]
     seen = scanner.scan(curve, x.radius, np.array(x.eyes), x.sensor, 7, clutter=clutter)
     trimesh.PointCloud(seen.points).export(tmp_path / "hangs.ply")

@@ -1,5 +1,4 @@
-"""Poses on several threads: the same numbers as on one, the caller's settings of JAX, and no thread left behind."""
-
+"""Poses on several threads: the same numbers as on one, and the caller's settings of JAX."""
 
 import jax
 import jax.numpy as jnp

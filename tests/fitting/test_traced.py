@@ -16,7 +16,6 @@ from scan2flex_jax.fitting.problem import Problem
 from . import scenes
 
 NEAR, SEVERAL = (0.05, 0.5), ((0.05, 0.5), (0.3, 0.1), (100.0, 0.01))  # guesses of EI and GJ (N m^2); the last leads nowhere
-STIFF = {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ}
 ELEMENTS = scenes.ELEMENTS
 POSES = ("plane", "twist-90")
 
@@ -95,7 +94,7 @@ def test_parameters_pushed_outwards_stay_at_their_bounds(study):
         ({"tolerance": Tolerance(length=1e-3)}, {}, "states no noise to weigh them against: give noise in m"),
         ({}, {"noise": 0.0}, "noise is 0.0: give a positive number in m, or None"),
         ({}, {"distance": "hausdorff"}, "distance is 'hausdorff': give one of normal, integrated"),
-        ({"unknowns": (), "cable": {**scenes.example().cable, **STIFF}}, {}, "nothing to fit"),
+        ({"unknowns": (), "cable": {**scenes.example().cable, **scenes.TRUE}}, {}, "nothing to fit"),
     ],
 )
 def test_wrong_arguments_are_one_sentence(study, change, options, sentence):

@@ -13,20 +13,17 @@ from scan2flex_jax.study import EffectDeclaration, Tolerance
 
 from . import scenes
 
-TRUE = {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ}
 LOOSE, NOISE = Tolerance(clamp_rotation=0.02), 2e-4  # rad and m
 
 
 @pytest.fixture(scope="module")
 def turned():
     """Four poses whose clamps are turned within the tolerance; the last one is kept for validation."""
-    study = scenes.study_of(poses=("plane", "twist-90", "aside-45", "unseen"), tolerance=LOOSE)
-    study = replace(study, poses=tuple(replace(p, role="fit") for p in study.poses))
+    study = scenes.to_fit(scenes.study_of(poses=scenes.NAMES, tolerance=LOOSE))
     local = np.zeros((4, 12))
     local[:, [3, 4, 9, 10]] = np.random.default_rng(5).standard_normal((4, 4))
     local[3, [3, 4, 9, 10]] = [1.0, -1.2, 0.8, 1.1]
-    measured = scenes.measured(study, scenes.exact_curves(study, TRUE, local), NOISE)
-    return replace(measured, poses=(*measured.poses[:3], replace(measured.poses[3], role="validate")))
+    return scenes.held_out(scenes.measured(study, scenes.exact_curves(study, scenes.TRUE, local), NOISE))
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +42,7 @@ def test_without_the_tolerance_each_pose_deviates_by_itself(turned, known):
     """What the clamps do is a discrepancy then, which the intervals know of."""
     f = fit(replace(turned, tolerance=scenes.EXACT), elements=scenes.ELEMENTS)
     assert f.discrepancy.rms > 10 * NOISE and "the deviations of poses" in f.judgement
-    for name, true in TRUE.items():
+    for name, true in scenes.TRUE.items():
         e, before = f.estimates[name], known.estimates[name]
         assert e.low < true < e.high
         assert e.high - e.low > 1.5 * (before.high - before.low)
@@ -54,13 +51,10 @@ def test_without_the_tolerance_each_pose_deviates_by_itself(turned, known):
 def test_an_undeclared_mass_leaves_no_yes():
     """30 g that nobody declared, and no stated noise: a random deviation of each pose fits them, and predicts the pose never
     fitted to within itself; the interval of EI excludes the truth."""
-    made = scenes.study_of(
-        poses=("plane", "twist-90", "aside-45", "unseen"),
-        effects=(EffectDeclaration("point_mass", {"position": 0.4, "mass": 0.03}),),
-    )
-    made = replace(made, poses=tuple(replace(p, role="fit") for p in made.poses))
-    study = replace(scenes.measured(made, scenes.exact_curves(made, TRUE), 5e-4), effects=())
-    f = fit(replace(study, poses=(*study.poses[:3], replace(study.poses[3], role="validate"))), elements=scenes.ELEMENTS)
+    mass = EffectDeclaration("point_mass", {"position": 0.4, "mass": 0.03})
+    made = scenes.to_fit(scenes.study_of(poses=scenes.NAMES, effects=(mass,)))
+    study = replace(scenes.measured(made, scenes.exact_curves(made, scenes.TRUE), 5e-4), effects=())
+    f = fit(scenes.held_out(study), elements=scenes.ELEMENTS)
     assert f.valid and f.estimates["bending_stiffness"].high < scenes.EI
     assert f.answer.tone == FAIR
     first = " ".join(line.strip() for line in f.answer.lines()[:2])
@@ -89,7 +83,7 @@ def test_a_smooth_residual_beyond_the_stated_noise_is_not_believed(stated, words
     be noise. One of more than a hundredth of the length may not: `test_result.py`."""
     study = scenes.study_of(poses=("plane", "twist-90"))
     aside = 3e-3 * np.sin(3 * np.pi * scenes.STATIONS)[:, None] * np.array([0.0, 0.6, 0.8])
-    curves = [c + aside for c in scenes.exact_curves(study, TRUE)]
+    curves = [c + aside for c in scenes.exact_curves(study, scenes.TRUE)]
     f = fit(scenes.measured(study, curves, NOISE, stated=stated), elements=scenes.ELEMENTS)
     assert f.believable is not bool(words)
     assert bool(f.misfits) is bool(words)

@@ -74,10 +74,7 @@ def helix_map(x):
     return jnp.sum(weights * R) + r @ jnp.array([1.0, -2.0, 3.0]) + shifted @ jnp.arange(6.0)
 
 
-UNOPTIMISED = {"xla_backend_optimization_level": 0}  # compiled in a third of the time, run a few times only
-derivative_map = jax.jit(
-    lambda x: (helix_map(x), jax.grad(helix_map)(x), jax.hessian(helix_map)(x)), compiler_options=UNOPTIMISED
-)
+derivative_map = jax.jit(lambda x: (helix_map(x), jax.grad(helix_map)(x), jax.hessian(helix_map)(x)))
 
 
 @pytest.mark.parametrize("angle", ANGLES)
@@ -109,7 +106,6 @@ def log_derivative(x):
 @pytest.mark.parametrize("angle", ANGLES)
 def test_right_jacobian_inverse_is_the_derivative_of_the_log(angle):
     x = jnp.array(np.concatenate([V, angle * AXIS]))
-
     np.testing.assert_allclose(lie.right_jacobian_inverse(x), log_derivative(x), atol=1e-13)
 
 

@@ -1,4 +1,4 @@
-"""Whether a cable remembers: the test over orders of poses, and studies that declare memory."""
+"""Whether a cable remembers: the test over orders of poses, studies that declare memory, and what `explain` says of others."""
 
 from dataclasses import replace
 from functools import cache
@@ -8,12 +8,15 @@ import pytest
 
 from benchmarks.blind import hysteresis
 from benchmarks.memory import remembering, study_of_chains
+from scan2flex_jax.effects import Friction, Relaxation
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.problem import Problem
-from scan2flex_jax.inference import MemoryTest, memory_test
+from scan2flex_jax.inference import MemoryTest, explain, memory_test
 from scan2flex_jax.inference.memory import _permuted, other_orders
 from scan2flex_jax.inference.planning import variations
 from scan2flex_jax.inference.program import Component, Program
+from scan2flex_jax.inference.settings import USUAL
+from scan2flex_jax.inference.variants import _natural
 from tests.fitting import scenes as cables
 
 NOISE = 3e-4
@@ -52,13 +55,12 @@ def test_memory_is_named_only_where_no_other_order_fits_as_well(test, named, wor
     assert test.to_json()["p_value"] == (1 + sum(o >= test.gain for o in test.others)) / (1 + len(test.others))
 
 
-POSES = ("plane", "twist-90", "aside-45", "unseen")
-ANY = cables.study_of(poses=POSES)
+ANY = cables.study_of(poses=cables.NAMES)
 
 
 def test_another_order_keeps_times_and_resets_in_their_places():
-    poses = [replace(p, role="fit", time=float(i), reset=i == 3) for i, p in enumerate(ANY.poses)]
-    study = replace(ANY, poses=tuple(poses))
+    poses = tuple(replace(p, role="fit", time=float(i), reset=i == 3) for i, p in enumerate(ANY.poses))
+    study = replace(ANY, poses=poses)
     for order in other_orders(len(poses), 20, np.random.default_rng(0)):
         other = _permuted(study, order).poses
         assert sorted(p.name for p in other) == sorted(p.name for p in poses)
@@ -81,7 +83,7 @@ def test_a_kind_without_memory_is_refused():
 
 def test_another_pose_is_planned_after_all_of_the_study():
     words = [said for said, _ in variations(remembering(ANY))]
-    assert words[:3] == [f"{name} again, last" for name in POSES[:3]]  # the last one is not fitted
+    assert words[:3] == [f"{name} again, last" for name in cables.NAMES[:3]]  # the last one is not fitted
     assert not any("again, last" in said for said, _ in variations(ANY))
 
 
@@ -105,3 +107,40 @@ def test_effects_are_added_to_poses_with_their_history():
     with_mass = program.shapes((Component("point_mass", {"position": 0.5}),), np.r_[vector, 0.0, 0.5])
     for base, same in zip(program.shapes((), vector), with_mass, strict=True):
         np.testing.assert_allclose(base.configuration.r, same.configuration.r, atol=1e-9)
+
+
+K = np.diag([1e5, 1e5, 1e4, 0.02, 0.02, 0.015])
+
+
+def natural(effect, path, reset=(False, False), held=(0.0, 0.0)):
+    """Natural curvature about d2 of one element for poses of these curvatures."""
+    excess = np.zeros((len(path), 1, 6))
+    excess[:, 0, 4] = path
+    return np.asarray(_natural(effect, excess, np.tile(K, (len(path), 1, 1, 1)), np.array(held), np.array(reset)))[:, 0, 4]
+
+
+def test_a_slider_acts_like_the_natural_curvature_that_it_takes_off_the_moment():
+    """Of share 1 it leaves the moment EI clip(k - q, -slip, slip) of EI k: the difference is that of a natural curvature."""
+    effect = Friction(1.0, 1.0, spread=(1.0,), rounding=1e-9)
+    np.testing.assert_allclose(natural(effect, [3.0, 1.0]), [2.0, 2.0], atol=1e-7)  # it pulls back with all its force
+    np.testing.assert_allclose(natural(effect, [1.0, 3.0]), [0.0, 2.0], atol=1e-7)
+    np.testing.assert_allclose(natural(effect, [3.0, 1.0], reset=(False, True)), [2.0, 0.0], atol=1e-7)
+
+
+def test_relaxation_acts_like_the_part_of_the_last_bend_that_crept_away():
+    found = natural(Relaxation(1.0, 60.0), [2.0, 0.5], held=(60.0, 0.0))
+    np.testing.assert_allclose(found, [0.0, 2.0 * (1.0 - np.exp(-1.0))])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.6, 0.0])
+def test_friction_of_another_solver_is_found_and_none_where_there_is_none(share):
+    """The friction of Dahl, about one axis: named by its law, and not tied with that of sliders."""
+    found = explain(study_with(share), mesh=False, settings=replace(USUAL, most_effects=1))  # sets are not the question here
+    kinds = {k for r in found.chosen for k in (r.kind, *r.tied_with)}
+    assert kinds == ({"dahl"} if share else set()), (found.verdict, kinds)
+    assert (found.verdict == "no missing effect") is (share == 0)
+    if share:
+        (effect,) = found.study.effects
+        assert effect.parameters["share"] == pytest.approx(share, abs=0.02)
+        assert [loop.of for loop in found.loops] == ["bending"]  # a plane cable has no twist

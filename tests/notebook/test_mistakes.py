@@ -23,6 +23,11 @@ def swapped(study):
     return replace(study, poses=tuple(replace(p, start=turned(p.start), end=turned(p.end)) for p in study.poses))
 
 
+def posed(**changes):
+    """How a study is made of one pose with these changes."""
+    return lambda: made(poses=[pose(**changes)])
+
+
 def nan_at(i):
     points = POINTS.copy()
     points[i] = np.nan
@@ -36,8 +41,8 @@ MISTAKES = {
     "cable NaN": (lambda: made({**CABLE, "length": np.nan}), "Study: cable.length: got nan: write a finite number"),
     "cable None": (lambda: made({**CABLE, "length": None}), "Study: cable.length: got None: write a number"),
     "cable list": (lambda: made([0.9, 0.3]), "Study: cable: got [0.9, 0.3]: give a dict"),
-    "role": (lambda: made(poses=[pose(role="fitt")]), 'Study: pose[p1].role: got \'fitt\': write "fit" or "validate"'),
-    "pose key": (lambda: made(poses=[pose(rolle="fit")]), "Study: pose[p1].rolle: unknown key 'rolle': did you mean role?"),
+    "role": (posed(role="fitt"), 'Study: pose[p1].role: got \'fitt\': write "fit" or "validate"'),
+    "pose key": (posed(rolle="fit"), "Study: pose[p1].rolle: unknown key 'rolle': did you mean role?"),
     "no start": (
         lambda: made(poses=[{"points": POINTS}]),
         "Study: pose[p1].start: it is missing, and nothing else holds the cable: write it, as in start =",
@@ -46,38 +51,26 @@ MISTAKES = {
     "one StudyPose": (lambda: replace(made(), poses=made().poses[0]), "Study: poses: got StudyPose(name='p1'"),
     "pose of arrays": (lambda: made(poses=[POINTS]), "Study: poses[1]: got array("),
     "poses None": (lambda: replace(made(), poses=None), "Study: poses: got None: give a list, as in [StudyPose(...)]"),
-    "transposed": (
-        lambda: made(poses=[pose(points=POINTS.T)]),
-        "Study: pose[p1].points: got an array of shape (3, 40): transpose",
-    ),
-    "plane points": (lambda: made(poses=[pose(points=POINTS[:, :2])]), "points: got an array of shape (40, 2): give one row"),
-    "NaN": (lambda: made(poses=[pose(points=nan_at(7))]), "Study: pose[p1].points: point 8 is [nan, nan, nan]: give finite"),
-    "masked": (
-        lambda: made(poses=[pose(points=np.ma.masked_greater(POINTS, 0.45))]),
-        "Study: pose[p1].points: point 31 is [nan, ",
-    ),
-    "texts": (lambda: made(poses=[pose(points=POINTS.astype(str))]), "points: got an array of <U32: give points in metres"),
-    "ragged": (lambda: made(poses=[pose(points=[[0, 0, 0], [1, 2]])]), "points: got [[0, 0, 0], [1, 2]]: give points in"),
-    "complex": (lambda: made(poses=[pose(points=POINTS + 0j)]), "points: got an array of complex128: give points in metres"),
-    "millimetres": (lambda: made(poses=[pose(points=1000 * POINTS)]), "Study: pose[p1].curve: the curve is 899"),
+    "transposed": (posed(points=POINTS.T), "Study: pose[p1].points: got an array of shape (3, 40): transpose"),
+    "plane points": (posed(points=POINTS[:, :2]), "points: got an array of shape (40, 2): give one row"),
+    "NaN": (posed(points=nan_at(7)), "Study: pose[p1].points: point 8 is [nan, nan, nan]: give finite"),
+    "masked": (posed(points=np.ma.masked_greater(POINTS, 0.45)), "Study: pose[p1].points: point 31 is [nan, "),
+    "texts": (posed(points=POINTS.astype(str)), "points: got an array of <U32: give points in metres"),
+    "ragged": (posed(points=[[0, 0, 0], [1, 2]]), "points: got [[0, 0, 0], [1, 2]]: give points in"),
+    "complex": (posed(points=POINTS + 0j), "points: got an array of complex128: give points in metres"),
+    "millimetres": (posed(points=1000 * POINTS), "Study: pose[p1].curve: the curve is 899"),
     "arc length short": (
-        lambda: made(poses=[pose(arc_length=[0.0, 0.9])]),
+        posed(arc_length=[0.0, 0.9]),
         "arc_length: got an array of shape (2,): give one arc length in metres for each of the 40 points",
     ),
     "quaternion NaN": (lambda: Clamp([0, 0, 0], [np.nan, 0, 0, 1]), "Clamp: quaternion: got nan: write a finite number"),
     "scalar last": (lambda: swapped(made()), "Study: pose[p1].start.quaternion: every clamp points more than 60 degrees away"),
-    "reflection": (
-        lambda: made(poses=[pose(start=([0, 0, 0], -np.eye(3)))]),
-        "start.rotation: the 3x3 matrix is no rotation: its columns",
-    ),
+    "reflection": (posed(start=([0, 0, 0], -np.eye(3))), "start.rotation: the 3x3 matrix is no rotation: its columns"),
     "transposed frame": (
         lambda: Clamp.of(np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0.1, 0, 0, 1]])),
         "Clamp: the last row of",
     ),
-    "position alone": (
-        lambda: Clamp.of([0, 0, 0]),
-        "Clamp: a frame has 4x4 (or 3x4) finite numbers, and this is [0, 0, 0].",
-    ),
+    "position alone": (lambda: Clamp.of([0, 0, 0]), "Clamp: a frame has 4x4 (or 3x4) finite numbers, and this is [0, 0, 0]."),
     "not a clamp": (
         lambda: StudyPose("a", "fit", (0, 0, 0)),
         "StudyPose 'a': start: got (0, 0, 0): give a Clamp, as in Clamp.of(",
@@ -109,7 +102,7 @@ MISTAKES = {
         lambda: made(effects=[EffectDeclaration("point_mass", {"mass": 0.1})]),
         "Study: effect[1].position: point_mass needs its",
     ),
-    "scan of points": (lambda: made(poses=[pose(scan=POINTS)]), "Study: pose[p1].scan: got array("),
+    "scan of points": (posed(scan=POINTS), "Study: pose[p1].scan: got array("),
     "weightless": (lambda: made(gravity=[0, 0, 0]), "Study: gravity: gravity is zero and both stiffnesses are unknown"),
 }
 
@@ -161,11 +154,7 @@ SAME = {
     ),
     "two of a name": ('name = "again"', 'name = "sag"', lambda s: with_pose(s, 1, name="sag", repeat_of=None)),
     "kind": ('kind = "point_mass"', 'kind = "pointmass"', lambda _: EffectDeclaration("pointmass", {"position": 0.42})),
-    "parameter": (
-        "position = 0.42",
-        "",
-        lambda s: replace(s, effects=(EffectDeclaration("point_mass"), s.effects[1])),
-    ),
+    "parameter": ("position = 0.42", "", lambda s: replace(s, effects=(EffectDeclaration("point_mass"), s.effects[1]))),
     "far clamps": (
         "[0.5, 0.0, 0.0], quat",
         "[0.96, 0.0, 0.0], quat",

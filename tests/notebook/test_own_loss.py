@@ -58,7 +58,6 @@ def test_a_loss_of_ones_own_is_differentiated(ready):
     assert slope[0] == pytest.approx(float((huber(start + h * e) - huber(start - h * e)) / (2 * h)), rel=1e-4)
 
 
-@pytest.mark.slow
 def test_a_noise_brings_in_the_priors(study):
     near = replace(study, tolerance=replace(study.tolerance, length=1e-3, gravity=0.01, clamp_rotation=0.01))
     plain, start = residual_function(near)

@@ -155,12 +155,6 @@ def test_a_study_is_copied_whole(again):
     check_study(again(study))
 
 
-def test_a_study_of_arrays_is_saved_and_read(tmp_path):
-    study = made(title="from a notebook", poses=[pose(), pose(role="validate", noise=1e-4)])
-    save_study(study, tmp_path)
-    assert load_study(tmp_path) == study
-
-
 def test_everything_in_millimetres_is_doubted():
     cable = {"length": 900.0, "length_density": 0.3}
     big = pose(points=1000 * POINTS, start=([0, 0, 0], about_y(HALF)), end=([500, 0, 0], about_y(-HALF)))

@@ -62,32 +62,24 @@ def test_the_file_that_is_read_is_not_replaced(tmp_path):
 
 
 def test_a_study_that_is_not_the_command_s_own_is_kept_too(study, tmp_path):
-    other = scenes.write_study(tmp_path / "other")
-    refused(scenes.run("check", other, "--json", study / "pose-1.csv", "--force"), f"belongs to the study in {study}")
-    (study / "study.toml").write_text("broken [")
-    refused(scenes.run("check", other, "--json", study / "study.toml", "--force"), "study.toml")
-
-
-def test_what_a_study_names_is_kept_though_the_study_cannot_be_read(study, tmp_path):
+    """Though it cannot be read."""
     other, toml = scenes.write_study(tmp_path / "other"), study / "study.toml"
-    toml.write_text(toml.read_text() + "broken [")
-    refused(scenes.run("check", other, "--json", study / "pose-1.csv", "--force"), f"belongs to the study in {study}")
+    for broken in ("", "broken ["):
+        toml.write_text(toml.read_text() + broken)
+        refused(scenes.run("check", other, "--json", study / "pose-1.csv", "--force"), f"belongs to the study in {study}")
+    toml.write_text("broken [")
+    refused(scenes.run("check", other, "--json", toml, "--force"), "study.toml")
 
 
-def test_a_file_of_the_user_is_replaced_by_force_alone(study, tmp_path):
-    file = tmp_path / "notes.json"
-    file.write_text("mine")
-    refused(scenes.run("check", study, "--json", file), "notes.json", "--force")
-    assert file.read_text() == "mine"
-    assert scenes.run("check", study, "--json", file, "--force").exit_code == 0
-    assert json.loads(file.read_text())["unknown"] == []
-
-
-def test_a_result_is_replaced_by_force_alone(study, tmp_path):
-    file = tmp_path / "deep" / "check.json"
-    assert scenes.run("check", study, "--json", file).exit_code == 0
-    refused(scenes.run("check", study, "--json", file), "there already", "--force")
-    assert scenes.run("check", study, "--json", file, "--force").exit_code == 0
+def test_a_file_of_the_user_and_a_result_are_replaced_by_force_alone(study, tmp_path):
+    result, notes = tmp_path / "deep" / "check.json", tmp_path / "notes.json"
+    assert scenes.run("check", study, "--json", result).exit_code == 0
+    notes.write_text("mine")
+    for file in (result, notes):
+        refused(scenes.run("check", study, "--json", file), file.name, "there already", "--force")
+        assert notes.read_text() == "mine"
+        assert scenes.run("check", study, "--json", file, "--force").exit_code == 0
+    assert json.loads(notes.read_text())["unknown"] == []
     (tmp_path / "empty.json").touch()  # as mktemp makes it: there is nothing to lose
     assert scenes.run("check", study, "--json", tmp_path / "empty.json").exit_code == 0
 

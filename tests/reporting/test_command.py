@@ -6,17 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from scan2flex_jax.cli.app import app
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.examples import example_path
 from scan2flex_jax.study import load_study, save_study
+from tests.outputs.scenes import run
 from tests.reporting.scenes import explained
-
-
-def run(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 def test_report_of_the_fit_alone(fitted, tmp_path, monkeypatch):
@@ -77,9 +72,7 @@ def test_an_explanation_that_leaves_a_pose_far_from_its_curve_ends_with_three(
     """Unless its effects explain most of the error, and it says itself that more than noise remains."""
     found = explained(fitted, verdict)
     far = {name: replace(p, rms=0.02 if p.role == "fit" else p.rms) for name, p in found.poses.items()}
-    monkeypatch.setattr(
-        sys.modules["scan2flex_jax.inference"], "explain", lambda study, **options: replace(found, poses=far)
-    )
+    monkeypatch.setattr(sys.modules["scan2flex_jax.inference"], "explain", lambda study, **options: replace(found, poses=far))
     ended = run(command, example_path("simulated-cable"), *(["-o", tmp_path / "r.html"] if command == "report" else []))
     assert ended.exit_code == code, ended.output
     assert ("off its measured curve" in " ".join(ended.output.split())) is (code == 3)

@@ -1,7 +1,5 @@
 """The assembled gradient and Hessian are those of the energy itself, differentiated as one dense function."""
 
-from functools import partial
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -18,7 +16,6 @@ from .scenes import ELEMENTS, Hardening, Spring, random_rod
 SIZE = 6 * (ELEMENTS + 1)
 FIELDS = (Spring(jnp.array(0.7), jnp.array([0.3, -0.4, 0.9])), Hardening(jnp.array(0.2)))
 NULL_FIELDS = jax.tree.map(jnp.zeros_like, FIELDS)  # a linear rod, without a second compilation
-UNOPTIMISED = {"xla_backend_optimization_level": 0}
 
 
 @eqx.filter_jit
@@ -27,7 +24,7 @@ def assembled(rod, c):
     return d.gradient.ravel(), dense(d.diagonal, d.upper), out_of_balance(rod, c).ravel(), d.elements
 
 
-@partial(jax.jit, compiler_options=UNOPTIMISED)
+@jax.jit
 def differentiated(rod, c):
     def gradient(z):
         return jax.grad(lambda z: potential_energy(retract(c, z.reshape(-1, 6)), rod))(z)

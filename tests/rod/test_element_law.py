@@ -1,7 +1,5 @@
 """The law of an element: one energy, its own derivatives, positive for any stiffness, the section's for short elements."""
 
-from functools import partial
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -12,16 +10,15 @@ from scan2flex_jax.rod.element_law import element_energy, element_forces, elemen
 
 from .scenes import Hardening, random_rod
 
-UNOPTIMISED = {"xla_backend_optimization_level": 0}
 LAW = (Hardening(jnp.array(0.2)),)
 
 
-@partial(jax.jit, compiler_options=UNOPTIMISED)
+@jax.jit
 def law(rod, excess):
     return element_energy(rod, excess), element_forces(rod, excess), element_stiffness(rod, excess)
 
 
-@partial(jax.jit, compiler_options=UNOPTIMISED)
+@jax.jit
 def differentiated(rod, excess):
     def total(e):
         return jnp.sum(element_energy(rod, e))

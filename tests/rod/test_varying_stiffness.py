@@ -3,7 +3,6 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import solve_bvp
 from scipy.interpolate import CubicSpline
 
 import scan2flex_jax.effects as fx
@@ -12,6 +11,7 @@ from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.model import CableModel, discretise
 from scan2flex_jax.statics.solve import equilibrium
+from tests.reference import cantilever
 
 EI, DENSITY, LENGTH, G = 0.05, 0.05, 1.0, 9.81
 PLACES = np.linspace(0.0, LENGTH, 9)
@@ -27,21 +27,8 @@ def tip_of_elastica(log_factor, power=0.0):
     """Tip (m) of a cantilever under its own weight."""
     at = np.linspace(0.0, LENGTH, 20001)
     mean = np.trapezoid(np.exp(power * log_factor(at)), at) / LENGTH
-
-    def slopes(s, y):
-        _, _, angle, moment, force = y
-        weight = DENSITY * G * np.exp(power * log_factor(s)) / mean
-        return np.array([np.cos(angle), np.sin(angle), moment / (EI * np.exp(log_factor(s))), -force * np.cos(angle), weight])
-
-    def ends(a, b):
-        return np.array([a[0], a[1], a[2], b[3], b[4]])
-
-    s = np.linspace(0.0, LENGTH, 400)
-    start = np.zeros((5, 400))
-    start[0] = s
-    solution = solve_bvp(slopes, ends, s, start, tol=1e-10, max_nodes=100_000)
-    assert solution.success
-    return solution.sol(LENGTH)[:2]
+    weight = DENSITY * G / mean
+    return cantilever.tip(LENGTH, lambda s: EI * np.exp(log_factor(s)), lambda s: weight * np.exp(power * log_factor(s)))
 
 
 def tip(effects, elements):

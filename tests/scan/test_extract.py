@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.scan import cloud, extract, scanner, shapes
-from tests.scan.truth import EYES, ends, errors, scanned
+from tests.scan.truth import EYES, ends, errors, extracted, scanned
 
 LENGTH, RADIUS = 1.0, 0.012
 NOISE = scanner.STRUCTURED_LIGHT.noise
@@ -16,8 +16,7 @@ NOISE = scanner.STRUCTURED_LIGHT.noise
 @pytest.mark.slow
 def test_structured_light_without_guide_points():
     curve, scan = scanned("random", LENGTH, RADIUS)
-    start, end = ends(curve)
-    found = extract(scan.points, RADIUS, length=LENGTH, start=start, end=end)
+    found = extracted(scan.points, curve, RADIUS)
     rms, shift, length = errors(found, curve, RADIUS, 2)
     assert rms < 0.3 * NOISE
     assert shift < 0.2
@@ -29,8 +28,7 @@ def test_structured_light_without_guide_points():
 @pytest.mark.slow
 def test_a_scan_from_one_side_does_not_pull_the_curve_to_the_sensor():
     curve, scan = scanned("helix", LENGTH, RADIUS, views=1)
-    start, end = ends(curve)
-    found = extract(scan.points, RADIUS, length=LENGTH, start=start, end=end)
+    found = extracted(scan.points, curve, RADIUS)
     _, shift, _ = errors(found, curve, RADIUS, 1)
     assert abs(shift) < 0.02  # the mean of the points would be off by 0.6
 
@@ -38,8 +36,7 @@ def test_a_scan_from_one_side_does_not_pull_the_curve_to_the_sensor():
 @pytest.mark.slow
 def test_a_noisy_scan_without_viewpoints_says_what_it_may_do():
     curve, scan = scanned("loop", LENGTH, 0.004, scanner.TIME_OF_FLIGHT, views=1, key=5)
-    start, end = ends(curve)
-    found = extract(scan.points, 0.004, length=LENGTH, start=start, end=end)
+    found = extracted(scan.points, curve, 0.004)
     assert any("give the viewpoints" in said for said in found.warnings)
 
 
@@ -47,8 +44,7 @@ def test_a_noisy_scan_without_viewpoints_says_what_it_may_do():
 def test_a_gap_is_bridged_and_marked():
     gap = (0.35, 0.45)
     curve, scan = scanned("random", LENGTH, RADIUS, views=3, gaps=(gap,))
-    start, end = ends(curve)
-    found = extract(scan.points, RADIUS, length=LENGTH, start=start, end=end)
+    found = extracted(scan.points, curve, RADIUS)
     assert len(found.gaps) == 1
     np.testing.assert_allclose(found.gaps[0], gap, atol=0.01)
     inside = (found.arc_length > gap[0] + 0.02) & (found.arc_length < gap[1] - 0.02)
@@ -65,8 +61,7 @@ def test_an_island_of_points_does_not_lead_the_curve_across_a_gap():
     piece = place + RADIUS * side + np.linspace(-0.012, 0.012, 9)[:, None] * (tangent + 0.5 * up)
     strange = scanner.tube_mesh(piece, RADIUS)
     scan = scanner.scan(curve, RADIUS, EYES[:2], scanner.STRUCTURED_LIGHT, 4, gaps=(gap,), clutter=[strange])
-    start, end = ends(curve)
-    found = extract(scan.points, RADIUS, length=LENGTH, start=start, end=end)
+    found = extracted(scan.points, curve, RADIUS)
     ((low, high),) = found.gaps
     assert abs(low - gap[0]) < 0.01 and abs(high - gap[1]) < 0.01
     away = cKDTree(shapes.resample(curve, 8001)).query(found.points)[0]
@@ -107,8 +102,7 @@ def test_what_touches_the_cable_does_not_draw_the_curve(thing):
     """Another cable is left aside. Where a connector hides the cable there is a gap, which is said."""
     curve = shapes.random_smooth(LENGTH, RADIUS)
     points = scanner.scan(curve, RADIUS, EYES[:2], scanner.STRUCTURED_LIGHT, 3, clutter=[thing(curve)]).points
-    start, end = ends(curve)
-    found = extract(points, RADIUS, length=LENGTH, start=start, end=end)
+    found = extracted(points, curve, RADIUS)
     away, _ = cKDTree(shapes.resample(curve, 8001)).query(found.points)
     assert found.sure
     assert away.max() < 1e-3
@@ -124,13 +118,12 @@ def test_what_touches_the_cable_does_not_draw_the_curve(thing):
 def test_fragments_are_joined_and_a_missing_end_is_not_invented():
     gaps = ((0.1, 0.16), (0.3, 0.36), (0.5, 0.57), (0.7, 0.76))
     curve, scan = scanned("random", LENGTH, RADIUS, key=3, gaps=gaps)
-    start, end = ends(curve)
-    found = extract(scan.points, RADIUS, length=LENGTH, start=start, end=end)
+    found = extracted(scan.points, curve, RADIUS)
     np.testing.assert_allclose(found.gaps, gaps, atol=0.01)
     assert errors(found, curve, RADIUS, 2)[0] < NOISE
     _, short = scanned("random", LENGTH, RADIUS, key=3, gaps=((0.8, 1.0),))
     with pytest.raises(Scan2FlexError, match="mark guide points"):
-        extract(short.points, RADIUS, length=LENGTH, start=start, end=end)
+        extracted(short.points, curve, RADIUS)
 
 
 def test_guide_points_and_a_table():
@@ -149,8 +142,7 @@ def test_a_bend_that_was_seen_thinly_is_followed():
     curve = shapes.loop(LENGTH, 0.004)
     clutter = [scanner.table(curve, 0.004)]
     points = scanner.scan(curve, 0.004, EYES[:1], scanner.STRUCTURED_LIGHT, 75, clutter=clutter).points
-    start, end = ends(curve)
-    found = extract(points, 0.004, length=LENGTH, start=start, end=end, viewpoints=EYES[:1])
+    found = extracted(points, curve, 0.004, viewpoints=EYES[:1])
     rms, shift, length = errors(found, curve, 0.004, 1)
     assert rms < 0.3 * NOISE
     assert shift < 0.2
@@ -172,8 +164,7 @@ def test_noise_as_large_as_the_radius_lets_the_last_stage_settle():
     """Flying pixels take information from the points beside them; a step that overlooks it goes to and fro for ever."""
     curve = shapes.loop(LENGTH, 0.004)
     points = scanner.scan(curve, 0.004, EYES[:2], scanner.TIME_OF_FLIGHT, 88).points
-    start, end = ends(curve)
-    found = extract(points, 0.004, length=LENGTH, start=start, end=end, viewpoints=EYES[:2])
+    found = extracted(points, curve, 0.004, viewpoints=EYES[:2])
     rms, shift, _ = errors(found, curve, 0.004, 2)
     assert found.sure
     assert rms < 0.5 * scanner.TIME_OF_FLIGHT.noise
@@ -222,11 +213,10 @@ def test_a_wrong_radius_or_length_is_reported(good):
 @pytest.mark.slow
 def test_a_good_scan_is_sure_and_a_fifth_of_the_length_unseen_is_not():
     curve, scan = scanned("random", LENGTH, RADIUS)
-    start, end = ends(curve)
-    assert extract(scan.points, RADIUS, length=LENGTH, start=start, end=end, viewpoints=EYES[:2]).sure
+    assert extracted(scan.points, curve, RADIUS, viewpoints=EYES[:2]).sure
     _, half = scanned("random", LENGTH, RADIUS, gaps=((0.4, 0.6),))
     marks = curve[np.linspace(8, len(curve) - 9, 14).astype(int)]
-    found = extract(half.points, RADIUS, length=LENGTH, start=start, end=end, guide_points=marks)
+    found = extracted(half.points, curve, RADIUS, guide_points=marks)
     assert not found.sure
     assert set(found.doubts) <= set(found.warnings)
 
@@ -234,7 +224,6 @@ def test_a_good_scan_is_sure_and_a_fifth_of_the_length_unseen_is_not():
 @pytest.mark.slow
 def test_viewpoints_of_another_scan_are_noticed_and_left_aside():
     curve, scan = scanned("helix", LENGTH, RADIUS, views=1)
-    start, end = ends(curve)
-    found = extract(scan.points, RADIUS, length=LENGTH, start=start, end=end, viewpoints=-EYES[:1])
+    found = extracted(scan.points, curve, RADIUS, viewpoints=-EYES[:1])
     assert not found.along_ray
     assert any("face none of the viewpoints" in said for said in found.warnings)

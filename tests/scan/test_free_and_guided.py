@@ -7,7 +7,7 @@ import pytest
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.scan import extract, scanner, shapes
-from tests.scan.truth import EYES, ends, errors, scanned
+from tests.scan.truth import EYES, ends, errors, extracted, scanned
 
 LENGTH, RADIUS = 1.0, 0.012
 NOISE = scanner.STRUCTURED_LIGHT.noise
@@ -63,10 +63,9 @@ def test_guide_points_lead_where_the_cloud_alone_is_refused():
     curve = shapes.FAMILIES["helix"](LENGTH, RADIUS)
     gaps = ((0.1, 0.4), (0.55, 0.85))
     cloud = scanner.scan(curve, RADIUS, EYES[:2], scanner.STRUCTURED_LIGHT, 2, gaps=gaps).points
-    start, end = ends(curve)
     with pytest.raises(Scan2FlexError, match="guide points"):
-        extract(cloud, RADIUS, length=LENGTH, start=start, end=end)
-    found = extract(cloud, RADIUS, length=LENGTH, start=start, end=end, guide_points=marks_on(curve, RADIUS, 24))
+        extracted(cloud, curve, RADIUS)
+    found = extracted(cloud, curve, RADIUS, guide_points=marks_on(curve, RADIUS, 24))
     assert found.found_by == "guide points"
     assert len(found.gaps) == 2
     assert not found.sure

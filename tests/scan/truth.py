@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from scan2flex_jax.scan import End, scanner, shapes
+from scan2flex_jax.scan import End, extract, scanner, shapes
 
 EYES = np.array([[0.3, -1.0, 0.6], [0.3, 1.0, 0.5], [-1.0, 0.1, 0.6]])
 
@@ -17,6 +17,12 @@ def ends(curve):
 def scanned(family, length, radius, sensor=scanner.STRUCTURED_LIGHT, views=2, key=1, **more):
     curve = shapes.FAMILIES[family](length, radius)
     return curve, scanner.scan(curve, radius, EYES[:views], sensor, key, **more)
+
+
+def extracted(points, curve, radius, length=1.0, **more):
+    """The centre curve of points between the ends of a known curve, in m."""
+    start, end = ends(curve)
+    return extract(points, radius, length=length, start=start, end=end, **more)
 
 
 def errors(found, curve, radius, views):

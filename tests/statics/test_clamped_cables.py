@@ -148,6 +148,25 @@ def test_a_stiff_rod_is_found_again_from_its_own_nodes():
     np.testing.assert_allclose(again.points, rod.points, atol=1e-9)
 
 
+def changed(model, part, share):
+    """The model with the stiffness or the density of its cable larger by ``share``."""
+    return eqx.tree_at(lambda m: getattr(m.cable, part), model, replace_fn=lambda value: value * (1.0 + share))
+
+
+@pytest.mark.parametrize("share", [1e-9, 1e-6, 1e-3])
+def test_no_part_of_a_short_way_is_missing(share):
+    """Against the solution from the generic start, which is far, up to rounding; at the solution, a step and a look."""
+    model, boundary = cases.reference_case("P3")
+    old = cases.solved(model, boundary)
+    assert int(cases.solved(model, boundary, start=old.configuration).verdict.steps) == 2
+    for part in ("bending_stiffness", "torsional_stiffness", "length_density"):
+        new = cases.solved(changed(model, part, share), boundary, start=old.configuration)
+        far = cases.solved(changed(model, part, share), boundary)
+        way = np.max(np.abs(np.asarray(far.points - old.points)))
+        left = np.max(np.abs(np.asarray(new.points - far.points)))
+        assert left < 1e-3 * way + 1e-12, (part, left / way)
+
+
 @pytest.mark.slow
 def test_newton_and_bfgs_agree():
     """To 1e-8 L, from the equilibrium displaced by 1 % of the length. BFGS sees the energy alone, which a cable that does not

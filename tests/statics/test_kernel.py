@@ -20,19 +20,13 @@ from scan2flex_jax.statics import MixedNewton, equilibrium
 from scan2flex_jax.statics.kernel import build, library
 from scan2flex_jax.statics.kernel.solver import CompiledNewton, default_solver
 from scan2flex_jax.statics.verdict import NON_FINITE
+from tests.test_programs import Memory
 
 from . import cases
 from .rods import COMPILER, LANES, judged, random_rods, same_derivatives, settle_of, solver_on_threads
 
 FOLDER = Path(jax.config.jax_compilation_cache_dir)
 _without = pytest.mark.skipif(not COMPILER, reason="no C++ compiler")
-
-
-class Memory(dict):
-    """Entries of a dictionary."""
-
-    def put(self, key, value):
-        self[key] = value
 
 
 def needs_compiler(test):

@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 import pytest
-from scipy.integrate import solve_bvp
+from reference import cantilever
 
 from scan2flex_jax import Boundary, Cable, CableModel, equilibrium
 from scan2flex_jax.effects import AnisotropicBending
@@ -14,21 +14,10 @@ GRAVITY = [0.0, 0.0, -9.81]
 
 
 def elastica():
-    """Height of the loop without weight over its length: theta'' = f cos(theta) from the clamp to the top, where the tangent is
-    level and the loop is back above its clamp."""
-
-    def slope(s, y, p):
-        theta, bend = y[0], y[1]
-        return np.stack([bend, p[0] * np.cos(theta), np.sin(theta), np.cos(theta)])
-
-    def ends(a, b, p):
-        return np.array([a[0], a[2], a[3], b[0] - np.pi / 2, b[2]])
-
-    s = np.linspace(0.0, 0.5, 41)
-    guess = np.stack([-1.0 * np.sin(4 * np.pi * s) + np.pi * s, np.pi + 0 * s, -0.05 * np.sin(2 * np.pi * s), 0.8 * s])
-    found = solve_bvp(slope, ends, s, guess, p=[40.0], tol=1e-9, max_nodes=20000)
-    assert found.success, found.message
-    return found.y[3, -1]
+    """Height of the loop without weight over its length."""
+    ends = (np.pi / 2, -np.pi / 2)
+    loop = cantilever.between_clamps(1.0, 1.0, 0.0, *ends, 0.0, lambda s: np.pi / 2 - np.pi * s + np.sin(4 * np.pi * s))
+    return loop(0.5)[1]
 
 
 @jax.jit

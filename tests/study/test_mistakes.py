@@ -53,8 +53,9 @@ def axes(study):
 
 @pytest.mark.parametrize("name", example_names())
 def test_nothing_is_said_of_the_examples(name):
-    assert visible_mistakes(load_study(example_path(name))) == ()
-    assert scale_between(load_study(example_path(name))) is None
+    example = load_study(example_path(name))
+    assert visible_mistakes(example) == () and scale_between(example) is None
+    assert not [said for said in study_warnings(example) if "weighs" in said or "right way" in said]
 
 
 @pytest.mark.parametrize("kind", VISIBLE)

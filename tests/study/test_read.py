@@ -1,7 +1,5 @@
 """A study that is read says what its files say."""
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -47,17 +45,6 @@ def test_every_key_of_the_format(tmp_path):
     assert study.clamped_ends == ("start", "end")
 
 
-def test_the_tangent_is_the_third_column_of_the_rotation():
-    rng = np.random.default_rng(0)
-    for w, x, y, z in rng.normal(size=(5, 4)):
-        q = np.array([w, x, y, z]) / np.sqrt(w * w + x * x + y * y + z * z)
-        # R e3 = q (0, e3) q* written out by the quaternion product
-        a, v = q[0], q[1:]
-        e3 = np.array([0.0, 0.0, 1.0])
-        rotated = e3 + 2 * a * np.cross(v, e3) + 2 * np.cross(v, np.cross(v, e3))
-        np.testing.assert_allclose(Clamp(np.zeros(3), q).tangent, rotated, atol=1e-14)
-
-
 def test_arrays_are_read_only_and_copies_change(tmp_path):
     study = load_study(write_sample(tmp_path))
     with pytest.raises(ValueError, match="read-only"):
@@ -72,12 +59,6 @@ def test_a_name_of_both_tables_is_told_apart(tmp_path, name):
     effect = '[[effect]]\nkind = "natural_curvature"\ncurvature = [0.0, 0.0, 0.0]\n'
     text = STUDY.replace("[unknown.natural_curvature]", f"[unknown.{name}]") + effect
     assert load_study(write_sample(tmp_path, text)).unknown_names[-1] == name
-
-
-def test_a_quoted_name_is_the_same_as_a_nested_one(tmp_path):
-    nested = load_study(write_sample(tmp_path / "a"))
-    quoted = STUDY.replace("[unknown.point_mass.mass]", '[unknown."point_mass.mass"]')
-    assert load_study(write_sample(tmp_path / "b", quoted)) == nested
 
 
 def test_one_entry_will_do_where_one_end_has_a_clamp(tmp_path):
@@ -137,24 +118,11 @@ def test_no_such_example():
         example_path("grey-wire")
 
 
-def test_warnings_in_words(tmp_path):
+def test_plane_poses_and_a_single_pose_are_doubted(tmp_path):
     study = load_study(write_sample(tmp_path))
     found = "\n".join(study_warnings(study))
-    assert "off the axis d3" in found and "plane" in found and "no validate pose" not in found
-    lonely = replace(study, poses=study.poses[:1])
-    assert "no validate pose" in "\n".join(study_warnings(lonely))
-    pose = study.poses[0]
-    backwards = replace(pose, curve=replace(pose.curve, points=pose.curve.points[::-1]))
-    assert "end to start" in "\n".join(study_warnings(replace(study, poses=(backwards,))))
-    short = replace(pose, curve=replace(pose.curve, points=pose.curve.points[4:]))
-    assert "from the start clamp" in "\n".join(study_warnings(replace(study, poses=(short,))))
-    longer = replace(study, cable={**study.cable, "length": 0.95})
-    assert "% shorter" in "\n".join(study_warnings(longer))
-
-
-def test_reading_starts_without_jax():
-    code = "import sys; import scan2flex_jax.study; sys.exit('jax' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    assert "all poses are plane" in found and "no validate pose" not in found
+    assert "no validate pose" in "\n".join(study_warnings(replace(study, poses=study.poses[:1])))
 
 
 def test_one_sentence():

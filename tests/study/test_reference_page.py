@@ -1,6 +1,6 @@
 """docs/study.md: effects and default ranges are those of the package, and the examples are accepted.
 
-The tables of keys are made from their declaration (`tests/test_readme_tables.py`).
+The tables of keys are made from their declaration (`tests/test_site.py`).
 """
 
 import json

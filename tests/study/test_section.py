@@ -4,13 +4,13 @@ import json
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_bvp
 from typer.testing import CliRunner
 
 from scan2flex_jax.cli.app import app
 from scan2flex_jax.errors import StudyError
 from scan2flex_jax.prediction import predict
 from scan2flex_jax.study import load_study, save_study
+from tests.reference import cantilever
 
 L, MASS, G, EI = 1.0, 0.2, 9.81, 0.6
 ALONG_X = [0.7071067811865476, 0.0, 0.7071067811865476, 0.0]
@@ -44,23 +44,6 @@ def loaded(folder):
     return load_study(folder, purpose="predict")
 
 
-def droop(EI_of, mass_of):
-    """Tip of a horizontal cantilever under its own weight (m), by `solve_bvp`: angle, moment, and what hangs beyond."""
-
-    def right(s, y):  # angle below the horizontal, moment, weight beyond, x, z
-        theta, M, W = y[:3]
-        return np.stack([M / EI_of(s), -W * np.cos(theta), -G * mass_of(s), np.cos(theta), -np.sin(theta)])
-
-    def ends(a, b):
-        return np.array([a[0], a[3], a[4], b[1], b[2]])
-
-    s = np.linspace(0.0, L, 201)
-    guess = np.stack([0.3 * s, 1.0 - s, 2.0 * (1 - s), s, -0.2 * s**2])
-    found = solve_bvp(right, ends, s, guess, tol=1e-9, max_nodes=50000)
-    assert found.success
-    return found.y[3:, -1]
-
-
 def test_a_cone_of_stated_stiffness_droops_as_an_independent_solver_says(folder):
     """Diameters fall to half: EI, relative to the middle, with the fourth power, mass with the second, whose sum is kept."""
     study = loaded(folder("s,diameter\n0,0.008\n0.25,0.007\n0.5,0.006\n0.75,0.005\n1,0.004\n"))
@@ -71,9 +54,9 @@ def test_a_cone_of_stated_stiffness_droops_as_an_independent_solver_says(folder)
 
     fine = np.linspace(0.0, L, 4001)
     mean = np.trapezoid(np.exp(2 * log_d(fine)), fine)
-    tip = droop(lambda s: EI * np.exp(4 * (log_d(s) - log_d(0.5))), lambda s: MASS * np.exp(2 * log_d(s)) / mean)
+    stiffness, weight = lambda s: EI * np.exp(4 * (log_d(s) - log_d(0.5))), lambda s: G * MASS * np.exp(2 * log_d(s)) / mean
     found = predict(study, elements=80)["out"].points[-1]
-    np.testing.assert_allclose(found[[0, 2]], tip, atol=2e-5)
+    np.testing.assert_allclose(found[[0, 2]], cantilever.tip(L, stiffness, weight), atol=2e-5)
 
 
 def test_columns_that_the_cable_does_not_state_are_absolute(folder):

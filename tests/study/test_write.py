@@ -124,12 +124,7 @@ def test_clamps_stand_on_one_line(tmp_path):
 
 @pytest.mark.parametrize(
     "change",
-    [
-        {"gravity": np.array([0.0, 0.0, np.nan])},
-        {"cable": {"length": 0.9}},
-        {"unknowns": (Unknown("nothing"),)},
-        {"poses": ()},
-    ],
+    [{"gravity": np.array([0.0, 0.0, np.nan])}, {"cable": {"length": 0.9}}, {"unknowns": (Unknown("nothing"),)}, {"poses": ()}],
 )
 def test_a_study_that_would_not_load_is_not_written(tmp_path, change):
     study = load_study(write_sample(tmp_path))

@@ -4,32 +4,24 @@ from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
+import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
 
+from scan2flex_jax import plot
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.inference import fit
 from scan2flex_jax.statics.solve import equilibrium
 from scan2flex_jax.statics.verdict import SOLVED
-from scan2flex_jax.sweep import (
-    Outcome,
-    Output,
-    Task,
-    draws,
-    equilibria,
-    failed,
-    fits,
-    grid,
-    noisy,
-    random_turns,
-    sweep,
-    turned,
-)
-from scan2flex_jax.sweep.task import FAULT, REFUSED
+from scan2flex_jax.sweep import Outcome, Output, Task, draws, equilibria, failed, fits, grid, noisy, random_turns, sweep, turned
+from scan2flex_jax.sweep.task import FAULT, NOT_RUN, REFUSED
 from tests.fitting import scenes as studies
 
 from . import scenes
+
+mpl.use("Agg")
 
 
 @pytest.fixture(scope="module")
@@ -200,3 +192,24 @@ def test_a_plain_function_of_an_equilibrium_is_a_number_without_a_unit():
 def test_bad_input_is_one_sentence(make, said):
     with pytest.raises(Scan2FlexError, match=said):
         make()
+
+
+def test_basins_show_ends_and_failures_and_nothing_where_no_fit_was_run():
+    def estimate(sample):
+        EI, GJ = sample["guess_bending_stiffness"], sample["guess_torsional_stiffness"]
+        if EI > 1.0 and GJ > 1.0:
+            raise Scan2FlexError("no equilibrium")
+        right = EI < 1.0
+        return {"bending_stiffness": 0.1 if right else 0.2, "torsional_stiffness": 0.25, "cost": float(not right)}
+
+    outputs = dict.fromkeys(("bending_stiffness", "torsional_stiffness", "cost"), Output())
+    guesses = (np.geomspace(0.01, 100.0, 5), "N m^2")
+    found = sweep(Task(estimate, outputs), grid(guess_bending_stiffness=guesses, guess_torsional_stiffness=guesses))
+    found["code"][0, 0] = NOT_RUN
+    for name in outputs:
+        found[name][0, 0] = np.nan
+    ax = plot.basins(found)
+    crosses = ax.lines[0].get_xydata()
+    assert len(crosses) == 4 and np.all(crosses > 1.0)
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["0.1, 0.25 (9)", "0.2, 0.25 (11)"]
+    plt.close("all")

@@ -7,13 +7,13 @@ import signal
 import dask
 import numpy as np
 import pytest
-import xarray as xr
 from distributed import Client, LocalCluster
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.sweep import Output, Task, grid, sweep
 
 from . import scenes
+from .test_store import same
 
 pytestmark = pytest.mark.slow
 
@@ -26,10 +26,6 @@ def client():
         Client(cluster) as client,
     ):
         yield client
-
-
-def same(a, b):
-    xr.testing.assert_identical(a.drop_vars("seconds"), b.drop_vars("seconds"))
 
 
 def test_equilibria_of_workers_are_those_of_this_process(client, tmp_path):

@@ -1,4 +1,7 @@
-"""Warnings about measured curves: named with the pose where one has the fault, once where all have it."""
+"""What `check` doubts before any fit: curves, clamps, a weight, a radius, a direction of gravity or a scan that no cable has.
+
+A fault is named with its pose where one has it, and once where all have it.
+"""
 
 import re
 from dataclasses import replace
@@ -6,9 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.examples import example_path
 from scan2flex_jax.study import Clamp, Study, load_study, study_warnings
 from scan2flex_jax.study.rotations import product
+from scan2flex_jax.study.scans import scan_facts
+
+from .samples import STUDY, curve, write_sample
 
 
 @pytest.fixture(scope="module")
@@ -76,3 +83,51 @@ def test_another_axis_is_the_reason_for_every_tangent(study):
     said = study_warnings(replace(study, poses=poses))
     assert "along d1" in said[0]
     assert not any("off the axis d3" in text for text in said)
+
+
+def test_every_warning_of_a_pose_says_what_to_do(study):
+    pose = study.pose("plane")
+    short = replace(turned(12.0, (1.0, 0.0, 0.0))(pose), curve=replace(pose.curve, points=pose.curve.points[5:]))
+    said = " ".join(study_warnings(replace(study, poses=(short, *study.poses[1:]), cable={**study.cable, "length": 1.05})))
+    assert "scan up to the start clamp" in said
+    written = float(re.search(r"write clamp_rotation = (\S+) under \[tolerance\]", said)[1])
+    angle = float(re.search(r"meets the \w+ clamp (\S+) deg off the axis d3", said)[1])
+    assert written == pytest.approx(np.radians(angle), rel=0.05)
+    assert re.search(r"shorter than the cable's length: measure the length again \(the curves give 0.9\d+ to 0.9\d+ m\)", said)
+
+
+def doubts(folder, old, new):
+    """The warnings of the sample with one piece of its text exchanged."""
+    assert old in STUDY
+    write_sample(folder, STUDY.replace(old, new))
+    return " ".join(study_warnings(load_study(folder)))
+
+
+def test_a_cable_heavier_than_cables_is_doubted(tmp_path):
+    """0.336 kg/m written in g/m; and 2 kg/m, which a radius of 4 mm could hold only of 40,000 kg/m^3."""
+    assert "weighs" not in doubts(tmp_path, "length_density = 0.336", "length_density = 0.9")
+    assert "weighs 336 kg/m: check the unit" in doubts(tmp_path, "length_density = 0.336", "length_density = 336.0")
+    assert "weighs 2 kg/m" in doubts(tmp_path, "length_density = 0.336", "length_density = 2.0")
+
+
+def test_a_cable_that_stands_against_gravity_is_doubted(tmp_path):
+    assert "point the right way" not in doubts(tmp_path, "-9.81]", "-9.81]")
+    assert "point the right way" in doubts(tmp_path, "-9.81]", "9.81]")
+
+
+def test_a_radius_in_millimetres_is_refused(tmp_path):
+    with pytest.raises(StudyError, match=r"cable.radius: the radius is 4 m on a cable of at most 0.906 m: write both"):
+        doubts(tmp_path, "radius = 0.004", "radius = 4.0")
+
+
+def test_a_scan_tells_its_points_and_its_size(tmp_path):
+    points = curve(50)
+    np.savetxt(tmp_path / "sag.xyz", points)
+    count, size = scan_facts(tmp_path / "sag.xyz")
+    assert count == 50
+    np.testing.assert_allclose(size, np.ptp(points, axis=0))
+    (tmp_path / "sag.ply").write_text("hello")
+    with pytest.raises(Scan2FlexError, match=r"cannot be read as a point cloud .*: export it again"):
+        scan_facts(tmp_path / "sag.ply")
+    with pytest.raises(Scan2FlexError, match="is not there"):
+        scan_facts(tmp_path / "nowhere.ply")
