@@ -185,7 +185,7 @@ def _established(d: Decision) -> Study:
     """The study with the effects that are established, and the estimates beside them."""
     h, averaged = (d.best, d.averaged) if d.verdict in FOUND else (d.empty, (d.empty,))
     effects = tuple((kind, of.parameters_of(h, k)) for k, kind in enumerate(h.kinds))
-    return of.declared(h.variant.fit.calibrated if h.variant.effect else h.variant.study, of.estimates(h, averaged), effects)
+    return of.declared(h.variant.study, of.estimates(h, averaged), effects)
 
 
 def _table(search: Search, d: Decision) -> tuple[Hypothesis, ...]:

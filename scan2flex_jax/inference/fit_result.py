@@ -28,11 +28,10 @@ from scan2flex_jax.inference.influence import Influence, influence_of
 from scan2flex_jax.inference.law import Law
 from scan2flex_jax.inference.loops import Loop
 from scan2flex_jax.inference.posterior import Fitted
-from scan2flex_jax.inference.quantities import ratios, stable
+from scan2flex_jax.inference.quantities import declared, ratios, stable
 from scan2flex_jax.inference.settings import USUAL, Settings
 from scan2flex_jax.statics.verdict import SENTENCES
 from scan2flex_jax.study.check import unit_warnings
-from scan2flex_jax.study.kinds import split_name
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Study
 
@@ -209,18 +208,8 @@ class Fit:
 
     @property
     def calibrated(self) -> Study:
-        """The study with the estimates in `[cable]` and as guesses, ready to be saved or fitted again."""
-        cable, effects = dict(self.study.cable), list(self.study.effects)
-        for name, estimate in self.estimates.items():
-            kind, number, parameter = split_name(name)
-            places = self.study.effects_of(name)
-            if kind and (number or len(places) == sum(e.kind == kind for e in effects)):  # else the name means those without it
-                for i in places:
-                    effects[i] = replace(effects[i], parameters={**effects[i].parameters, parameter: estimate.value})
-            elif not kind:
-                cable[name] = estimate.value
-        unknowns = tuple(replace(u, guess=self.estimates[u.name].value) for u in self.study.unknowns)
-        return replace(self.study, cable=cable, effects=tuple(effects), unknowns=unknowns)
+        """The study with the estimates as values and as guesses, ready to be saved or fitted again."""
+        return declared(self.study, self.estimates)
 
     def to_json(self) -> dict:
         """The format's result object."""

@@ -1,5 +1,6 @@
 """What a hypothesis says: estimates, poses before and after, predictions, the parameters of its effects, where a cause acts."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -264,13 +265,21 @@ def scatter_of(h: Fitted) -> dict[str, float]:
     return out
 
 
-def declared(study: Study, values: dict[str, Estimate], effects: tuple[tuple[str, dict], ...]) -> Study:
-    """The study with effects declared and the estimates as values and guesses."""
-    cable = dict(study.cable) | {n: e.value for n, e in values.items() if "." not in n}
-    unknowns = tuple(replace(u, guess=values[u.name].value) for u in study.unknowns)
-    add = tuple(EffectDeclaration(kind, parameters) for kind, parameters in effects if kind in kind_names())
+def declared(study: Study, estimates: dict[str, Estimate], more: Sequence[tuple[str, dict]] = ()) -> Study:
+    """The study with the estimates as values and guesses, and ``more`` effects."""
+    cable, effects = dict(study.cable), list(study.effects)
+    for name, estimate in estimates.items():
+        kind, number, parameter = split_name(name)
+        places = study.effects_of(name)
+        if kind and (number or len(places) == sum(e.kind == kind for e in effects)):  # else the name means those without it
+            for i in places:
+                effects[i] = replace(effects[i], parameters={**effects[i].parameters, parameter: estimate.value})
+        elif not kind:
+            cable[name] = estimate.value
+    unknowns = tuple(replace(u, guess=estimates[u.name].value) for u in study.unknowns)
+    add = tuple(EffectDeclaration(kind, parameters) for kind, parameters in more if kind in kind_names())
     unknowns = tuple(_numbered(study, u) if u.name.startswith(tuple(f"{e.kind}." for e in add)) else u for u in unknowns)
-    return replace(study, cable=cable, unknowns=unknowns, effects=(*study.effects, *add))
+    return replace(study, cable=cable, unknowns=unknowns, effects=(*effects, *add))
 
 
 def _numbered(study, unknown):

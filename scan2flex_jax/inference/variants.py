@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from scan2flex_jax.compilation import lightly_compiled
-from scan2flex_jax.effects import Dahl, Friction, MemorySet, Relaxation, TorsionFriction, effect_class
+from scan2flex_jax.effects import Dahl, Friction, Relaxation, TorsionFriction, effect_class
 from scan2flex_jax.effects.catalogue import catalogue
 from scan2flex_jax.errors import NotSettledError, Scan2FlexError
 from scan2flex_jax.fitting.least_squares import Progress
@@ -126,17 +126,12 @@ def corrected(first: Variant, say: Progress) -> Iterator[tuple[Mistake, Variant]
 
 
 def remembering(search: Search, say: Progress) -> Iterator[Variant]:
-    """Effects with memory that may explain what no other does: where the best hypothesis leaves a discrepancy, or keeps a set
-    of the pose before, or the noise is not stated and friction may be a part of it; in enough poses, none declared.
-
-    An effect is tried where it gains to first order: the moment that the poses before leave, at their baseline strains, acts
-    like a natural strain.
+    """Effects with memory, none declared, in enough poses: each where it gains to first order beside the best hypothesis. The
+    moment that the poses before leave, at their baseline strains, acts like a natural strain.
     """
     best = search.causes[0]
     v, study = best.variant, best.variant.study
-    kept = any(MemorySet.kind in h.kinds for h in search.causes if h.score > best.score - v.settings.named)
-    unstated = v.likelihood.stated is None and bool(best.components)
-    if study.history_dependent or len(study.fit_poses) < _FEWEST or not (kept or unstated or best.discrepant):
+    if study.history_dependent or len(study.fit_poses) < _FEWEST:
         return
     excess, stiffness = _strained(v)
     twist = np.sqrt(np.mean(np.mean(excess[..., 5], axis=1) ** 2)) * v.length

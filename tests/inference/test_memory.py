@@ -99,7 +99,7 @@ def test_friction_of_another_solver_is_named_and_none_where_there_is_none(share,
 
 @pytest.mark.slow
 def test_effects_are_added_to_poses_with_their_history():
-    """At zero amplitude they are the base, which is solved in the order of the poses."""
+    """At zero amplitude they are the base, which is solved in the order of the poses; they change the history, too."""
     study = remembering(study_with(0.6, 3), {"share": 0.5, "slip_curvature": 1.5})
     problem = Problem(study)
     minimum = problem.minimise("least-squares")
@@ -107,6 +107,12 @@ def test_effects_are_added_to_poses_with_their_history():
     with_mass = program.shapes((Component("point_mass", {"position": 0.5}),), np.r_[vector, 0.0, 0.5])
     for base, same in zip(program.shapes((), vector), with_mass, strict=True):
         np.testing.assert_allclose(base.configuration.r, same.configuration.r, atol=1e-9)
+    bent = (Component("natural_curvature", {}),)
+    more, at = 1e-3 * np.eye(len(vector) + 3)[-2], np.r_[vector, np.zeros(3)]
+    less, here, beyond = (program.shapes(bent, at + step * more) for step in (-1, 0, 1))
+    for low, own, high in zip(less, here, beyond, strict=True):  # the derivative too, through what earlier poses leave
+        moved = (high.residual - low.residual) / 2e-3
+        np.testing.assert_allclose(own.columns[..., -2], moved, atol=1e-3 * np.abs(moved).max())
 
 
 K = np.diag([1e5, 1e5, 1e4, 0.02, 0.02, 0.015])
@@ -144,3 +150,16 @@ def test_friction_of_another_solver_is_found_and_none_where_there_is_none(share)
         (effect,) = found.study.effects
         assert effect.parameters["share"] == pytest.approx(share, abs=0.02)
         assert [loop.of for loop in found.loops] == ["bending"]  # a plane cable has no twist
+
+
+@pytest.mark.slow
+def test_friction_is_found_beside_another_effect():
+    """The same cable, its curves shifted by the scanner: neither effect explains the shapes alone."""
+    study, shift = study_with(0.6), np.array([0.003, 0.004, -0.002])
+    poses = (replace(p, curve=replace(p.curve, points=np.asarray(p.curve.points) + shift)) for p in study.poses)
+    found = explain(replace(study, poses=tuple(poses)), mesh=False, elements=20, settings=replace(USUAL, most_effects=1))
+    assert found.verdict == "explained" and [r.kind for r in found.chosen] == ["dahl", "scan_offset"]
+    friction, offset = found.study.effects
+    assert friction.parameters["share"] == pytest.approx(0.6, abs=0.02) == found.chosen[0].parameters["share"]
+    np.testing.assert_allclose(offset.parameters["offset"], shift, atol=5e-4)
+    assert found.estimates["bending_stiffness"].value == pytest.approx(0.05, rel=0.03)
