@@ -12,7 +12,6 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects.builders import plain
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Section
@@ -37,7 +36,7 @@ class BendTwistCoupling(AbstractEffect):
 ENTRY = CatalogueEntry(
     BendTwistCoupling, ("with d1", "with d2"),
     lambda c: np.full(2, 0.1),  # of sqrt(EI GJ): typical of the lay of a stranded core
-    **plain("coupling", BendTwistCoupling, 2), bounds_of=lambda c: (np.full(2, -0.7), np.full(2, 0.7)),
+    bounds_of=lambda c: (np.full(2, -0.7), np.full(2, 0.7)),
     other_starts=lambda a, site, c, places: [(-a, site, {})],  # the opposite sign has a minimum of its own
     signature="bending turns the cable out of its plane, the more the stronger it is bent",
     settle="scan one pose with both clamps rolled by 180 degrees, and one almost straight with a free end",

@@ -1,8 +1,8 @@
-"""Parts shared by catalogue entries: parameters linear in the amplitude, spans, places along the cable, the two ends.
+"""Parts shared by catalogue entries: spans, fields and places along the cable, the two ends.
 
-`plain`, `span` and `vectors` give several fields of a `CatalogueEntry` at once, as keywords. For an effect with one value per
-end, the candidate location lists the ends that may have it (``ends``: 1 or 0 for start and end); amplitudes of the other
-ends are inactive.
+`span` and `along` give several fields of a `CatalogueEntry` at once, as keywords. For an effect with one value per end, the
+candidate location lists the ends that may have it (``ends``: 1 or 0 for start and end); amplitudes of the other ends are
+inactive.
 """
 
 from collections.abc import Callable
@@ -23,13 +23,8 @@ _WIDTHS = (0.08, 0.18, 0.35)  # of the length: span widths to scan
 _STRONG = 0.5  # log factor below which spans of different widths are distinguished by their signatures
 
 
-def plain(name: str, cls: Make, *shape: int) -> dict[str, Any]:
-    """``build`` for a single parameter ``name`` that is the amplitude itself."""
-    return {"build": lambda a, site, context: (cls(**{name: a.reshape(shape)}),)}
-
-
 def along(name: str, cls: Make) -> dict[str, Any]:
-    """The same for a field along the cable: amplitudes are the independent components of a smooth random field."""
+    """Fields of an entry for a field along the cable: amplitudes are the independent components of a smooth random field."""
     root, count = smooth_root(POINTS, 3), 3 * POINTS
 
     def at(length):
@@ -92,11 +87,3 @@ def ends_without(per_end: int) -> Callable[[Site], np.ndarray]:
     """Mask of inactive amplitudes, ``per_end`` of them per end: those of the ends absent from a candidate location."""
     return lambda site: np.repeat(np.asarray(site["ends"]) == 0, per_end)
 
-
-def vectors(name: str, cls: Make) -> dict[str, Any]:
-    """``build`` and the other fields for an effect with one vector per end."""
-    return {
-        "build": lambda a, site, c: (cls(**{name: a.reshape(2, 3) * jnp.asarray(site["ends"])[:, None]}),),
-        "sites": ends,
-        "inactive_of": ends_without(3),
-    }

@@ -12,7 +12,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects.builders import vectors
+from scan2flex_jax.effects.builders import ends, ends_without
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.boundary import Boundary
@@ -37,7 +37,7 @@ class ClampOffset(AbstractEffect):
 ENTRY = CatalogueEntry(
     ClampOffset, tuple(f"{end} along {d}" for end in ENDS for d in ("d1", "d2", "d3")),
     lambda c: np.full(6, 0.003 * c.length),  # three millimetres on a metre
-    **vectors("offset", ClampOffset),
+    sites=ends, inactive_of=ends_without(3),
     signature="the misfit is a shift next to a clamp that turns with the clamp",
     settle="scan the edges of the clamps along with the cable",
     same_shapes=(SameShapes("length_error", "a shift along the tangent of a clamp whose neighbourhood is straight"),

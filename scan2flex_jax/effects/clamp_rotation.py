@@ -13,7 +13,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects.builders import vectors
+from scan2flex_jax.effects.builders import ends, ends_without
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.geometry import lie
@@ -39,7 +39,7 @@ class ClampRotation(AbstractEffect):
 ENTRY = CatalogueEntry(
     ClampRotation, tuple(f"{end} about {d}" for end in ENDS for d in ("d1", "d2", "d3")),
     lambda c: np.full(6, 0.03),  # rad: two degrees, a typical error of an unmeasured bracket
-    **vectors("rotation", ClampRotation), bounds_of=lambda c: (np.full(6, -0.8), np.full(6, 0.8)),
+    sites=ends, inactive_of=ends_without(3), bounds_of=lambda c: (np.full(6, -0.8), np.full(6, 0.8)),
     signature="the misfit is largest next to a clamp, turns with the clamp and is alike in all poses",
     settle="scan the clamps and their roll marks along with the cable",
     same_shapes=(SameShapes("natural_curvature", "a roll of one end and natural twist", always=True),),

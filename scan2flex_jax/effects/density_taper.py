@@ -10,7 +10,6 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects.builders import plain
 from scan2flex_jax.effects.entry import CatalogueEntry
 from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Section
@@ -33,7 +32,7 @@ class DensityTaper(AbstractEffect):
 ENTRY = CatalogueEntry(
     DensityTaper, ("taper",),
     lambda c: np.array([0.25]),  # half that of the stiffness: EI of a solid section goes with the square of its mass
-    **plain("taper", DensityTaper), bounds_of=lambda c: (np.full(1, -3.0), np.full(1, 3.0)),
+    bounds_of=lambda c: (np.full(1, -3.0), np.full(1, 3.0)),
     signature="the lowest point lies towards one end of the cable, whichever way round it hangs",
     settle="find the cable's centre of mass on an edge",
 )  # fmt: skip

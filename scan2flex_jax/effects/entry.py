@@ -12,17 +12,18 @@ the fields of `CatalogueEntry` that have no default; `catalogue` lists the entri
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
 from dataclasses import field as default
-from typing import Any
+from functools import partial
+from typing import Any, cast
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from scan2flex_jax.effects.format import parameters_of
+from scan2flex_jax.effects.format import format_of, parameters_of
 from scan2flex_jax.rod.effect import AbstractEffect
-from scan2flex_jax.study.kinds import ENDS, INITIAL
+from scan2flex_jax.study.kinds import ENDS, INITIAL, KindFormat
 
 Site = dict[str, Any]
 Range = Callable[["Context"], tuple[float, float]]  # smallest and largest value
@@ -123,14 +124,24 @@ def _no_other_starts(amplitude: Any, site: Site, context: Context, places: Any) 
     return []
 
 
+def _of_parameters(amplitudes: Array, site: Site, context: Context, effect: Any = AbstractEffect) -> tuple[AbstractEffect, ...]:
+    """The ``effect`` with the parameters that a site has, and the amplitudes as the one that is left; zero at absent ends."""
+    given = {f.name: site[f.name] for f in fields(effect) if f.name in site}
+    (left,) = (f.name for f in fields(effect) if f.name not in site and f.default is MISSING)
+    value = jnp.where(jnp.repeat(site["ends"], len(amplitudes) // 2) > 0, amplitudes, 0.0) if "ends" in site else amplitudes
+    shape = cast(KindFormat, format_of(effect)).parameter(left).shapes(len(ENDS))[0]
+    return (effect(**given, **{left: value.reshape(shape)}),)
+
+
 @dataclass(frozen=True)
 class CatalogueEntry:
     """One effect type as a candidate of the search: the class of the ``effect``, and the settings of `explain` for it.
 
-    ``build(amplitude, site, context)`` makes the effects, ``sites(context)`` lists the candidate locations (one empty site if
-    there is no choice; an entry ``position`` is an arc length, an entry ``width`` the length of a span, both in m),
-    ``size(context)`` the standard deviation of each amplitude, ``bounds(context)`` their smallest and largest values,
-    ``one_sided`` the mask of non-negative ones. If an effect is not linear in its own parameters, or its null depends on the
+    ``sites(context)`` lists the candidate locations (one empty site if there is no choice; an entry ``position`` is an arc
+    length, an entry ``width`` the length of a span, both in m), ``size(context)`` the standard deviation of each amplitude,
+    ``bounds(context)`` their smallest and largest values, ``one_sided`` the mask of non-negative ones. ``build(amplitudes,
+    site, context)`` makes the effects: by default the class with the parameters that the site has, and with the amplitudes as
+    its one other parameter without a default. If an effect is not linear in its own parameters, or its null depends on the
     cable, ``build`` makes another class of the same file that is linear and has no ``kind``: studies cannot declare it. Its
     method ``reported(context)`` gives the parameters of the effect type that it stands for, and ``rescaled`` the factors by
     which parameters of the cable itself differ beside these.
@@ -154,9 +165,9 @@ class CatalogueEntry:
     effect: type[AbstractEffect]
     amplitudes: tuple[str, ...]
     size: Callable[[Context], np.ndarray]
-    build: Callable[[Array, Site, Context], tuple[AbstractEffect, ...]]
     signature: str
     settle: str
+    build: Callable[[Array, Site, Context], tuple[AbstractEffect, ...]] = _of_parameters
     sites: Callable[[Context], tuple[Site, ...]] = _one_site
     one_sided: tuple[bool, ...] = ()
     bounds_of: Callable[[Context], tuple[np.ndarray, np.ndarray]] | None = None
@@ -175,8 +186,10 @@ class CatalogueEntry:
     rest: Callable[[Context], Site] = _all_there
 
     def __post_init__(self) -> None:
-        """Two-sided by default."""
+        """Two-sided by default, and built from its parameters."""
         object.__setattr__(self, "one_sided", self.one_sided or (False,) * len(self.amplitudes))
+        if self.build is _of_parameters:
+            object.__setattr__(self, "build", partial(_of_parameters, effect=self.effect))
 
     @property
     def kind(self) -> str:

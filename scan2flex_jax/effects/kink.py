@@ -41,7 +41,6 @@ _BENDS = (0.02, 0.12)  # of the length: widths of set bends to scan
 ENTRY = CatalogueEntry(
     Kink, AXES,
     lambda c: np.full(3, 0.15),  # rad: a cable bent by hand keeps five to ten degrees
-    build=lambda a, site, c: (Kink(site["position"], a, site["width"]),),
     sites=lambda c: tuple({"position": s, "width": w * c.length} for w in _BENDS for s in positions(c)),
     moving={"position": along_cable, "width": lambda c: (0.5 * (_BENDS[0] * c.length), 1.5 * (_BENDS[-1] * c.length))},
     bounds_of=lambda c: (np.full(3, -3.0), np.full(3, 3.0)),

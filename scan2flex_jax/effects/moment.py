@@ -50,7 +50,6 @@ class Moment(AbstractEffect):
 ENTRY = CatalogueEntry(
     Moment, ("moment",),
     lambda c: np.array([0.05 * c.force * c.length]),  # as of a point load in the middle
-    build=lambda a, site, c: (Moment(site["position"], site["axis"], a[0]),),
     sites=lambda c: tuple({**site, "axis": np.array([0.0, 1.0, 0.0])} for site in places(c)),
     signature="the cable is turned at one place of it, in the same sense in all poses",
     settle="look for what turns the cable at the named place",

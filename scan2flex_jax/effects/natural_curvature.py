@@ -12,7 +12,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects.builders import AXES, plain
+from scan2flex_jax.effects.builders import AXES
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Section
@@ -34,7 +34,6 @@ class NaturalCurvature(AbstractEffect):
 ENTRY = CatalogueEntry(
     NaturalCurvature, AXES,
     lambda c: np.full(3, 0.5 / c.length),  # a cable off a drum keeps an arc of about thirty degrees in its length
-    **plain("curvature", NaturalCurvature, 3),
     signature="a bow out of the plane of the pose, alike all along, that turns over when both clamps are rolled",
     settle="scan one pose again with both clamps rolled by 180 degrees, or with one end free",
     same_shapes=(

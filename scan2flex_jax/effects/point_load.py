@@ -36,7 +36,6 @@ class PointLoad(AbstractEffect):
 ENTRY = CatalogueEntry(
     PointLoad, XYZ,
     lambda c: np.full(3, 0.05 * c.force),  # a lead or a tie that pulls with a twentieth of the weight
-    build=lambda a, site, c: (PointLoad(site["position"], a),),
     sites=places, moving={"position": along_loaded},
     signature="the cable is drawn at one place of it, in the same direction of space in all poses",
     settle="look at the named place, or turn the whole setting about the vertical",

@@ -36,7 +36,6 @@ class PointMass(AbstractEffect):
 ENTRY = CatalogueEntry(
     PointMass, ("mass",),
     lambda c: np.array([0.15 * c.mass_per_length * c.length]),  # a clip or a ferrite, relative to the whole cable
-    build=lambda a, site, c: (PointMass(site["position"], a[0]),),
     sites=places, moving={"position": along_loaded}, one_sided=(True,),
     signature="the cable sags towards one place of it, always along gravity",
     settle="look for a clip, a marker or a connector at the named place, or weigh the cable",

@@ -9,7 +9,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects.builders import XYZ, plain
+from scan2flex_jax.effects.builders import XYZ
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect
@@ -32,7 +32,6 @@ class ScanOffset(AbstractEffect):
 ENTRY = CatalogueEntry(
     ScanOffset, XYZ,
     lambda c: np.full(3, 0.002 * c.length),  # two millimetres on a metre: one side of the cable, a marker's base
-    **plain("offset", ScanOffset, 3),
     signature="all points of all poses are shifted alike, at the clamps too",
     settle="scan the clamps along with the cable",
     same_shapes=(SameShapes("clamp_offset", "the same shift of both clamps, when no pose turns them"),),

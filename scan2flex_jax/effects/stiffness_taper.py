@@ -8,7 +8,6 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects.builders import plain
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.effects.spans import grown
@@ -33,7 +32,6 @@ class StiffnessTaper(AbstractEffect):
 ENTRY = CatalogueEntry(
     StiffnessTaper, ("taper",),
     lambda c: np.array([0.5]),  # ends that differ in stiffness by a factor of e: the shafts of catheters, brushes, stems
-    **plain("taper", StiffnessTaper),
     bounds_of=lambda c: (np.full(1, -MOST_TAPER), np.full(1, MOST_TAPER)),
     signature="one half of the cable bends more than the other, whichever way round it hangs",
     settle="swap the two ends of the cable in one pose",

@@ -12,7 +12,6 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects.builders import plain
 from scan2flex_jax.effects.entry import CatalogueEntry
 from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect
@@ -35,7 +34,7 @@ class TensionStiffening(AbstractEffect):
 ENTRY = CatalogueEntry(
     TensionStiffening, ("gain",),
     lambda c: np.array([c.radius_or_guess**2]),  # wires at the radius
-    **plain("gain", TensionStiffening), one_sided=(True,),
+    one_sided=(True,),
     signature="tight poses bend less than slack ones, and bent ones are shorter",
     settle="scan poses whose tension differs threefold",
 )  # fmt: skip

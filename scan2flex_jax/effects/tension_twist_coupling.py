@@ -13,7 +13,6 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects.builders import plain
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Section
@@ -39,7 +38,6 @@ class TensionTwistCoupling(AbstractEffect):
 ENTRY = CatalogueEntry(
     TensionTwistCoupling, ("lever",),
     lambda c: np.array([0.1 * c.radius_or_guess]),  # a tenth of the radius: a cable of one lay, half a rope
-    **plain("lever", TensionTwistCoupling),
     signature="tight poses are twisted, slack ones are not",
     settle="hang the cable with a weight at its free end and watch the end turn",
     same_shapes=(SameShapes("clamp_rotation", "when the tension is alike in all poses, for a roll"),),

@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects.builders import XYZ, plain
+from scan2flex_jax.effects.builders import XYZ
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Section
@@ -34,7 +34,6 @@ class UniformLoad(AbstractEffect):
 ENTRY = CatalogueEntry(
     UniformLoad, XYZ,
     lambda c: np.full(3, 0.04 * c.force / c.length),  # two degrees of tilt of the scan frame
-    **plain("force", UniformLoad, 3),
     signature="all poses lean to the same side of space",
     settle="check gravity with a plumb line in the scan frame, and scan once without draught",
     same_shapes=(SameShapes("gravity", "a tilt of the scan frame", always=True),
