@@ -195,13 +195,6 @@ def sbc(results):
         yield noise, parameter, r["draws"], f"{r['p_value']:.2f}", f"{r['spread']:.2f}", *covered, r["withheld"]
 
 
-@table("accuracy.md", "scans", MEASURED, "scan_none", "scan_alarms")
-def scans(none, strong):
-    without = {name: r for name, r in none["rows"].items() if not r["kinds"]}
-    effects = {name: r for name, r in strong["rows"].items() if r["kinds"]}
-    return [(words, measured(value), target) for words, value, target in scan_alarms.scored(without | effects)]
-
-
 @table("accuracy.md", "sensors", MEASURED, "scan_sensors")
 def sensors(results):
     return [(words, measured(value), target) for words, value, target in scan_alarms.scored(results["rows"])]
