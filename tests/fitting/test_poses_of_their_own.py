@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from scan2flex_jax import Clamp, EffectDeclaration, MeasuredCurve, Study, StudyPose, Unknown, fit, predict, residual_function
 from scan2flex_jax.effects.catalogue import entry_of
+from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.inference.mesh import mesh_error
 from scan2flex_jax.inference.program import Component, Program
 from tests.reference import clamped_cases
@@ -153,3 +154,16 @@ def test_the_search_for_effects_sees_each_pose_with_its_own_model():
         slope = (after.residual - before.residual) / step
         np.testing.assert_allclose(column[..., 0], slope, atol=0.01 * np.abs(column).max())
     assert np.all(mesh_error(problem, minimum) < 1e-4)
+
+
+def test_many_poses_are_evaluated_as_each_alone():
+    """More than one call of the map takes, of two models, in a rig turned in one of them."""
+    whole = study()
+    made = Problem(replace(whole, poses=(*whole.poses[:1], turned(whole.poses[1]), *whole.poses[2:])))
+    x = made.starts()[0]
+    together = made.evaluator_of(made.poses.only([0, 1, 2] * 4))(x)
+    for i in range(3):
+        alone = made.evaluator_of(made.poses.only([i]))(x)
+        for k in range(i, 12, 3):
+            np.testing.assert_allclose(together.residual[k], alone.residual[0], atol=1e-12)
+            np.testing.assert_allclose(together.jacobian[k], alone.jacobian[0], atol=1e-9)
