@@ -19,7 +19,7 @@ from scan2flex_jax.cli.options import NOT_TO_BELIEVE
 from scan2flex_jax.examples import example_path
 
 COMMANDS = {
-    "demo": ("demo", "--out", "demo"),
+    "demo": ("demo", "--out", "demo", "--force"),
     "fit of the simulated cable": ("fit", str(example_path("simulated-cable"))),
     "explain the black wire": ("explain", str(example_path("black-wire"))),
     "fit of the black wire after that": ("fit", str(example_path("black-wire"))),
