@@ -235,7 +235,7 @@ def main() -> None:
     parser.add_argument("--none", type=int, default=40, help="studies with nothing missing")
     parser.add_argument("--strong", type=int, default=20, help="studies with a strong effect")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--record", help="name in benchmarks/results, scan_sensors")
+    parser.add_argument("--record", help="name of the record, such as scan_sensors")
     parser.add_argument("--data", nargs="+", default=["scan", "curve"], choices=["scan", "curve"])
     args = parser.parse_args()
     prepare_jax()

@@ -260,7 +260,6 @@ _COMPILED = {
     "_evaluate": "equilibrium of a pose, distances of its points, and their derivatives",
     "_map": "from the numbers of a fit or a hypothesis to the states of its poses",
     "_equilibrium": "equilibrium with twice the elements, for the error of the mesh",
-    "_natural": "natural strains of the sections",
     "_start": "start along a measured curve",
 }
 

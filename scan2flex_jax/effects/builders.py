@@ -86,4 +86,3 @@ def ends(context: Context) -> tuple[Site, ...]:
 def ends_without(per_end: int) -> Callable[[Site], np.ndarray]:
     """Mask of inactive amplitudes, ``per_end`` of them per end: those of the ends absent from a candidate location."""
     return lambda site: np.repeat(np.asarray(site["ends"]) == 0, per_end)
-
