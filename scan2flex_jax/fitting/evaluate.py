@@ -226,8 +226,8 @@ class Evaluator:
         for template, same in poses.similar(which):
             for first in range(0, len(same), LANES):
                 own = same[first : first + LANES]
-                lane = np.array((own * LANES)[:LANES])
-                gravity = np.stack([np.asarray(poses.template(i).gravity) for i in lane])
+                filled = (own * LANES)[:LANES]
+                lane, gravity = np.array(filled), np.stack([np.asarray(poses.template(i).gravity) for i in filled])
                 previous = added.previous[lane] if len(added.previous) else np.zeros((LANES, 0, 3))
                 lanes = _Lanes(gravity, one(poses.boundary, lane), np.asarray(local)[lane], previous)
                 given = self.layout, self.elements, added.kinds, template, lanes, np.asarray(shared), full[split[1] :]
