@@ -20,8 +20,8 @@ from scipy.spatial.transform import Rotation
 from benchmarks.record import record
 from scan2flex_jax.cli.setup import prepare_jax
 from scan2flex_jax.inference import fit
-from scan2flex_jax.inference.likelihood import _ODDS, _ROUGH, _correlation
-from scan2flex_jax.inference.settings import USUAL
+from scan2flex_jax.posterior.likelihood import _ODDS, _ROUGH, _correlation
+from scan2flex_jax.posterior.settings import USUAL
 from scan2flex_jax.prediction import predict
 from scan2flex_jax.study import Clamp, EffectDeclaration, MeasuredCurve, Study, StudyPose, Unknown
 

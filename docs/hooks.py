@@ -32,7 +32,7 @@ PAGES = {
 API = {
     "study": ("Study", ("study", "errors")),
     "fitting": ("Fit", ("fitting",)),
-    "inference": ("Explain", ("inference",)),
+    "inference": ("Explain", ("inference", "results", "posterior")),
     "prediction": ("Predict", ("prediction",)),
     "plot": ("Plot", ("plot",)),
     "output": ("Report and export", ("reporting", "export")),

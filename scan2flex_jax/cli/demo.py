@@ -68,7 +68,7 @@ def calipers(folder: Path):
 
 def _errors(e) -> Iterator[str]:
     """The error before and after, in fitted poses and in others."""
-    from scan2flex_jax.inference.answer import in_mm  # noqa: PLC0415
+    from scan2flex_jax.results.answer import in_mm  # noqa: PLC0415
 
     for role, which in (("fit", "fitted poses"), ("validate", "poses that were never fitted")):
         count = sum(p.role == role for p in e.poses.values())
@@ -79,7 +79,7 @@ def _rod(e, s, EI) -> Iterator[str]:
     """What was found along the rod, beside the calipers that the study does not hold."""
     import numpy as np  # noqa: PLC0415
 
-    from scan2flex_jax.inference.words import found_in_words  # noqa: PLC0415
+    from scan2flex_jax.results.words import found_in_words  # noqa: PLC0415
 
     yield from _errors(e)
     yield f"found       {found_in_words(e)}"
@@ -93,8 +93,8 @@ def _rod(e, s, EI) -> Iterator[str]:
 
 def _find(e, truth) -> Iterator[str]:
     """The effect found, its rivals, and the truth."""
-    from scan2flex_jax.inference.explanation import parameter_in_words  # noqa: PLC0415
-    from scan2flex_jax.inference.fit_result import in_words  # noqa: PLC0415
+    from scan2flex_jax.results.explanation import parameter_in_words  # noqa: PLC0415
+    from scan2flex_jax.results.fit_result import in_words  # noqa: PLC0415
 
     yield from _errors(e)
     for r in e.chosen:

@@ -124,7 +124,7 @@ def _no_other_starts(amplitude: Any, site: Site, context: Context, places: Any) 
     return []
 
 
-def _of_parameters(amplitudes: Array, site: Site, context: Context, effect: Any = AbstractEffect) -> tuple[AbstractEffect, ...]:
+def _of_parameters(amplitudes: Array, site: Site, _context: Any, effect: Any = AbstractEffect) -> tuple[AbstractEffect, ...]:
     """The ``effect`` with the parameters that a site has, and the amplitudes as the one that is left; zero at absent ends."""
     given = {f.name: site[f.name] for f in fields(effect) if f.name in site}
     (left,) = (f.name for f in fields(effect) if f.name not in site and f.default is MISSING)

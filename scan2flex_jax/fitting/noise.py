@@ -1,7 +1,7 @@
 """The noise of measured curves: covariance of a white and a correlated part, as stated, or shown by the points.
 
 Covariance of one normal component of one pose: ``sw^2 I + sc^2 k(|s - s'|/l)``, ``k`` a Matern kernel of smoothness 3/2; its
-sizes are estimated with those of the whole model (`inference.likelihood`).
+sizes are estimated with those of the whole model (`posterior.likelihood`).
 Reference: Rasmussen and Williams, "Gaussian Processes for Machine Learning" (2006), eq. 4.17.
 """
 

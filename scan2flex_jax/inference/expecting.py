@@ -15,16 +15,16 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
 from scan2flex_jax.fitting.threads import threaded
-from scan2flex_jax.inference import quantities as of
-from scan2flex_jax.inference.estimate import NORMAL_95, Estimate
-from scan2flex_jax.inference.explanation import parameter_in_words
-from scan2flex_jax.inference.likelihood import NONE, inverted
 from scan2flex_jax.inference.planning import POINTS, Plan, measured_in_simulation, ranked_poses
-from scan2flex_jax.inference.posterior import Fitted, Variant, price
-from scan2flex_jax.inference.program import slots_of
-from scan2flex_jax.inference.search import Screen
-from scan2flex_jax.inference.settings import USUAL, Settings
+from scan2flex_jax.posterior import quantities as of
+from scan2flex_jax.posterior.estimate import NORMAL_95, Estimate
+from scan2flex_jax.posterior.likelihood import NONE, inverted
+from scan2flex_jax.posterior.posterior import Fitted, Variant, price
+from scan2flex_jax.posterior.program import slots_of
+from scan2flex_jax.posterior.search import Screen
+from scan2flex_jax.posterior.settings import USUAL, Settings
 from scan2flex_jax.prediction import settled
+from scan2flex_jax.results.explanation import parameter_in_words
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.sense import check_study
 

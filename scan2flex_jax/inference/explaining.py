@@ -11,10 +11,11 @@ from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.errors import NotSettledError
 from scan2flex_jax.fitting.least_squares import silent
 from scan2flex_jax.fitting.threads import threaded
-from scan2flex_jax.inference import belief, shapes, variants
-from scan2flex_jax.inference import quantities as of
-from scan2flex_jax.inference.along import stiffness_along, withheld
-from scan2flex_jax.inference.decision import (
+from scan2flex_jax.inference import variants
+from scan2flex_jax.inference.fitting import with_curves
+from scan2flex_jax.posterior import belief
+from scan2flex_jax.posterior import quantities as of
+from scan2flex_jax.posterior.decision import (
     ABSENT,
     FAVOURED,
     FEWEST,
@@ -35,14 +36,15 @@ from scan2flex_jax.inference.decision import (
     of_the_axis,
     smooth,
 )
-from scan2flex_jax.inference.explanation import Explanation, Hypothesis, PoseChange, Ranked
-from scan2flex_jax.inference.fit_result import Fit, pose_fits, rms_over
-from scan2flex_jax.inference.fitting import with_curves
-from scan2flex_jax.inference.posterior import Fitted, Variant
-from scan2flex_jax.inference.recorded import Record, recorded, replayed
-from scan2flex_jax.inference.search import Search
-from scan2flex_jax.inference.settings import USUAL, Settings
-from scan2flex_jax.inference.words import FIELDS, Finding, listed
+from scan2flex_jax.posterior.posterior import Fitted, Variant
+from scan2flex_jax.posterior.recorded import Record, recorded, replayed
+from scan2flex_jax.posterior.search import Search
+from scan2flex_jax.posterior.settings import USUAL, Settings
+from scan2flex_jax.results import shapes
+from scan2flex_jax.results.along import stiffness_along, withheld
+from scan2flex_jax.results.explanation import Explanation, Hypothesis, PoseChange, Ranked
+from scan2flex_jax.results.fit_result import Fit, pose_fits, rms_over
+from scan2flex_jax.results.words import FIELDS, Finding, listed
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.repeats import repeat_sentences
 from scan2flex_jax.study.sense import check_study
@@ -61,8 +63,8 @@ def explain(
     """Search for physics that the baseline model lacks, in the ``fit`` poses of ``study``.
 
     Every hypothesis (effects of the catalogue, sets of them, fields, memory, other turns, mistakes of the input) is scored
-    alike under one generative model (`inference.posterior`): by its log evidence, which orders the search, and by its log
-    predictive density of poses left out, of which eight decisions (`inference.decision`) make the verdict. ``validate`` poses
+    alike under one generative model (`posterior.posterior`): by its log evidence, which orders the search, and by its log
+    predictive density of poses left out, of which eight decisions (`posterior.decision`) make the verdict. ``validate`` poses
     have no part in the scores, and may contradict the answer.
 
     Args:

@@ -21,16 +21,17 @@ from scan2flex_jax.fitting.poses import check_distance
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.states import DISTANCES
 from scan2flex_jax.fitting.threads import threaded
-from scan2flex_jax.inference import belief, branches, shapes
-from scan2flex_jax.inference import quantities as of
-from scan2flex_jax.inference.along import stiffness_along, withheld
-from scan2flex_jax.inference.answer import number
-from scan2flex_jax.inference.fit_result import Fit, pose_fits, unsettled
 from scan2flex_jax.inference.mesh import Found, on_enough_elements
 from scan2flex_jax.inference.mistakes import before_branches, hidden
-from scan2flex_jax.inference.posterior import Variant
-from scan2flex_jax.inference.profile import profiled
-from scan2flex_jax.inference.settings import USUAL, Settings
+from scan2flex_jax.posterior import belief, branches
+from scan2flex_jax.posterior import quantities as of
+from scan2flex_jax.posterior.posterior import Variant
+from scan2flex_jax.posterior.profile import profiled
+from scan2flex_jax.posterior.settings import USUAL, Settings
+from scan2flex_jax.results import shapes
+from scan2flex_jax.results.along import stiffness_along, withheld
+from scan2flex_jax.results.answer import number
+from scan2flex_jax.results.fit_result import Fit, pose_fits, unsettled
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.study.check import study_warnings, unit_warnings
 from scan2flex_jax.study.model import Study

@@ -21,8 +21,8 @@ from scan2flex_jax.fitting.parameters import boundary_at, model_at
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
 from scan2flex_jax.fitting.threads import each_pose
 from scan2flex_jax.inference import mistakes
-from scan2flex_jax.inference.branches import ASTRAY, distances
-from scan2flex_jax.inference.settings import Settings
+from scan2flex_jax.posterior.branches import ASTRAY, distances
+from scan2flex_jax.posterior.settings import Settings
 from scan2flex_jax.rod.memory import remembering
 from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics.mesh import Mesh, shortest_bend

@@ -10,7 +10,7 @@ by their scores where a correction leaves more than noise. Single readings of ma
 2. each pose is left out; if the others then fit, its own likely mistakes are solved once each at their stiffnesses, and the
    best one is refitted with all poses. If none corrects it, the pose is reported as the one that does not fit.
 
-A fit that had to change several poses by full turns (`inference.branches`) may have adapted to a wrong roll: a corrected study
+A fit that had to change several poses by full turns (`posterior.branches`) may have adapted to a wrong roll: a corrected study
 is then accepted if it comes as close with the stated turns. A study that does not settle is searched too.
 """
 
@@ -26,9 +26,9 @@ from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.least_squares import Minimum, Progress, levenberg_marquardt
 from scan2flex_jax.fitting.poses import poses_of
 from scan2flex_jax.fitting.problem import Problem
-from scan2flex_jax.inference import branches
 from scan2flex_jax.inference.readings import misread
-from scan2flex_jax.inference.settings import Settings
+from scan2flex_jax.posterior import branches
+from scan2flex_jax.posterior.settings import Settings
 from scan2flex_jax.study import mistakes
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Study

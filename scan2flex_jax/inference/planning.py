@@ -18,11 +18,11 @@ import numpy as np
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.parameters import model_at, template
 from scan2flex_jax.fitting.poses import boundary_of, poses_of
-from scan2flex_jax.inference.decision import NONE
-from scan2flex_jax.inference.explanation import Explanation
-from scan2flex_jax.inference.posterior import Fitted, configuration
-from scan2flex_jax.inference.program import Component, Index, Program
-from scan2flex_jax.inference.rows import Rows
+from scan2flex_jax.posterior.decision import NONE
+from scan2flex_jax.posterior.posterior import Fitted, configuration
+from scan2flex_jax.posterior.program import Component, Index, Program
+from scan2flex_jax.posterior.rows import Rows
+from scan2flex_jax.results.explanation import Explanation
 from scan2flex_jax.statics.solve import equilibrium
 from scan2flex_jax.statics.verdict import SENTENCES
 from scan2flex_jax.study.model import MeasuredCurve, Study, StudyPose

@@ -19,8 +19,8 @@ from scan2flex_jax.fitting.noise import FINEST, stated_noise
 from scan2flex_jax.fitting.poses import Poses, poses_of
 from scan2flex_jax.fitting.problem import WEAK, Problem
 from scan2flex_jax.fitting.states import Shape
-from scan2flex_jax.inference.belief import moved
-from scan2flex_jax.inference.settings import Settings
+from scan2flex_jax.posterior.belief import moved
+from scan2flex_jax.posterior.settings import Settings
 from scan2flex_jax.study import mistakes
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.parts import Markers

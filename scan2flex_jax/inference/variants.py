@@ -18,14 +18,14 @@ from scan2flex_jax.errors import NotSettledError, Scan2FlexError
 from scan2flex_jax.fitting.least_squares import Progress
 from scan2flex_jax.fitting.poses import places_of
 from scan2flex_jax.fitting.start import memory_starts
-from scan2flex_jax.inference.fit_result import Fit
 from scan2flex_jax.inference.fitting import fitted
 from scan2flex_jax.inference.memory import declaring
 from scan2flex_jax.inference.mesh import mesh_error
-from scan2flex_jax.inference.posterior import Fitted, Variant
-from scan2flex_jax.inference.program import slots_of
-from scan2flex_jax.inference.search import Search
-from scan2flex_jax.inference.settings import Settings
+from scan2flex_jax.posterior.posterior import Fitted, Variant
+from scan2flex_jax.posterior.program import slots_of
+from scan2flex_jax.posterior.search import Search
+from scan2flex_jax.posterior.settings import Settings
+from scan2flex_jax.results.fit_result import Fit
 from scan2flex_jax.rod.energy import excess_strains
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Study

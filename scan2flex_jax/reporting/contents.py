@@ -15,8 +15,8 @@ import numpy as np
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS
 from scan2flex_jax.inference import Explanation, Fit, Plan, PoseFit, plan
-from scan2flex_jax.inference.answer import Answer, moved_in_words
 from scan2flex_jax.prediction import Prediction, predict
+from scan2flex_jax.results.answer import Answer, moved_in_words
 from scan2flex_jax.study.files import STUDY_FILE, read_text
 from scan2flex_jax.study.model import MeasuredCurve, Study, relative_name
 from scan2flex_jax.study.outputs import measured_files

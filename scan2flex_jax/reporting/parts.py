@@ -9,12 +9,12 @@ import numpy as np
 
 from scan2flex_jax import plot
 from scan2flex_jax.inference import Explanation, Fit
-from scan2flex_jax.inference.answer import digits_of, in_mm, noise_in_words
-from scan2flex_jax.inference.explanation import parameter_in_words
-from scan2flex_jax.inference.words import found_in_words
 from scan2flex_jax.reporting.contents import Contents
 from scan2flex_jax.reporting.figures import svg
 from scan2flex_jax.reporting.html import Html, Part, joined, section, table, tag
+from scan2flex_jax.results.answer import digits_of, in_mm, noise_in_words
+from scan2flex_jax.results.explanation import parameter_in_words
+from scan2flex_jax.results.words import found_in_words
 
 _TOGETHER = 4  # largest number of poses whose errors can be distinguished in one panel
 _PANEL = (4.0, 3.5)  # inches of a panel; several are placed side by side

@@ -2,7 +2,7 @@
 
 The start is either a generic sag between the supports or a measured curve (which selects the branch nearest to the data).
 Frames are transported along the curve without rotation about its tangent. The twist is the smallest angle to the end clamp
-plus the stated ``turns`` of the pose, spread evenly; other turns are tried after a fit (`inference.branches`).
+plus the stated ``turns`` of the pose, spread evenly; other turns are tried after a fit (`posterior.branches`).
 """
 
 import jax

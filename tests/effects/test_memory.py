@@ -11,7 +11,7 @@ from scan2flex_jax.effects.dahl import ROUNDING
 from scan2flex_jax.effects.sliders import SPREAD
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.geometry import lie
-from scan2flex_jax.inference.loops import cycles, loops_of
+from scan2flex_jax.posterior.loops import cycles, loops_of
 from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics.solve import equilibrium
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.inference import fit
-from scan2flex_jax.inference.answer import BAD, FAIR, GOOD, moved_in_words, percent, rests_on, two_digits
-from scan2flex_jax.inference.explanation import parameter_in_words
-from scan2flex_jax.inference.influence import Influence
+from scan2flex_jax.results.answer import BAD, FAIR, GOOD, moved_in_words, percent, rests_on, two_digits
+from scan2flex_jax.results.explanation import parameter_in_words
+from scan2flex_jax.results.influence import Influence
 from scan2flex_jax.study import MeasuredCurve, Tolerance, Unknown, describe, study_warnings
 
 from . import scenes

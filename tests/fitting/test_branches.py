@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.fitting.problem import Problem
-from scan2flex_jax.inference import branches, fit
+from scan2flex_jax.inference import fit
+from scan2flex_jax.posterior import branches
 from scan2flex_jax.study import load_study
 
 from . import scenes

@@ -10,7 +10,7 @@ import pytest
 
 from scan2flex_jax import EffectDeclaration, Markers, Scan2FlexError, Study, StudyError, Unknown, fit, load_study, save_study
 from scan2flex_jax.fitting.problem import Problem
-from scan2flex_jax.inference import branches
+from scan2flex_jax.posterior import branches
 from tests.reference.cantilever import chain
 
 from . import scenes

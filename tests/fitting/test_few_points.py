@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.inference import explain, fit
-from scan2flex_jax.inference.answer import FAIR
+from scan2flex_jax.results.answer import FAIR
 from scan2flex_jax.study import Clamp, EffectDeclaration, Markers, MeasuredCurve, Study, StudyPose, Unknown
 
 from . import scenes

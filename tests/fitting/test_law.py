@@ -9,7 +9,7 @@ import pytest
 from scan2flex_jax import plot
 from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.inference.fitting import fit
-from scan2flex_jax.inference.quantities import laws_of
+from scan2flex_jax.posterior.quantities import laws_of
 from scan2flex_jax.study import EffectDeclaration, Unknown, load_study, save_study
 
 from . import scenes

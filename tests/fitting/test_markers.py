@@ -8,9 +8,9 @@ import pytest
 
 from scan2flex_jax import Markers, MeasuredCurve, Scan2FlexError, Unknown, fit, residual_function
 from scan2flex_jax.fitting.problem import Problem
-from scan2flex_jax.inference.program import Program
-from scan2flex_jax.inference.quantities import left_out
-from scan2flex_jax.inference.rows import BINS, Rows
+from scan2flex_jax.posterior.program import Program
+from scan2flex_jax.posterior.quantities import left_out
+from scan2flex_jax.posterior.rows import BINS, Rows
 from scan2flex_jax.sweep import noisy
 
 from .test_poses_of_their_own import DENSITY, EI, GJ, MASS, STATIONS, WEIGHT, G, cantilever, study, twisted

@@ -8,7 +8,7 @@ from scan2flex_jax import Boundary, Cable, CableModel, Study, equilibrium, fit, 
 from scan2flex_jax.errors import NotSettledError
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS
 from scan2flex_jax.inference import mesh
-from scan2flex_jax.inference.settings import USUAL
+from scan2flex_jax.posterior.settings import USUAL
 
 from . import scenes
 

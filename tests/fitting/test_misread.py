@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scan2flex_jax import Clamp, EffectDeclaration, Markers, Study, StudyPose, Unknown, fit
-from scan2flex_jax.inference.settings import Settings
+from scan2flex_jax.posterior.settings import Settings
 from tests.reference.cantilever import solution
 
 LEVEL = [[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]

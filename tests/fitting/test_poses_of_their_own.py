@@ -16,7 +16,7 @@ from scan2flex_jax import Clamp, EffectDeclaration, MeasuredCurve, Study, StudyP
 from scan2flex_jax.effects.catalogue import entry_of
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.inference.mesh import mesh_error
-from scan2flex_jax.inference.program import Component, Program
+from scan2flex_jax.posterior.program import Component, Program
 from tests.reference import clamped_cases
 from tests.reference.cantilever import positions
 

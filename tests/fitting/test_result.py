@@ -8,8 +8,8 @@ import pytest
 
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.inference import METHODS, fit
-from scan2flex_jax.inference.estimate import Estimate
-from scan2flex_jax.inference.fit_result import PoseFit
+from scan2flex_jax.posterior.estimate import Estimate
+from scan2flex_jax.results.fit_result import PoseFit
 from scan2flex_jax.study import EffectDeclaration, Unknown, load_study, save_study
 
 from . import scenes

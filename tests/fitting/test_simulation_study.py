@@ -9,7 +9,8 @@ import pytest
 
 from scan2flex_jax.fitting.least_squares import levenberg_marquardt
 from scan2flex_jax.fitting.problem import Problem
-from scan2flex_jax.inference import branches, fit
+from scan2flex_jax.inference import fit
+from scan2flex_jax.posterior import branches
 
 from . import scenes
 

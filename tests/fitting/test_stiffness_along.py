@@ -10,7 +10,7 @@ from benchmarks import rods
 from scan2flex_jax import fit, load_study, plot, save_study
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.parameters import layout_of, start_vector, values_of
-from scan2flex_jax.inference.along import StiffnessAlong
+from scan2flex_jax.results.along import StiffnessAlong
 from scan2flex_jax.study import EffectDeclaration, Unknown
 
 PLACES = np.linspace(0.0, rods.LENGTH, 9)

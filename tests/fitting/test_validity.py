@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.inference import Settings, fit
-from scan2flex_jax.inference.answer import FAIR, two_digits
-from scan2flex_jax.inference.belief import validity
+from scan2flex_jax.posterior.belief import validity
+from scan2flex_jax.results.answer import FAIR, two_digits
 from scan2flex_jax.study import EffectDeclaration, Tolerance
 
 from . import scenes

@@ -9,8 +9,8 @@ import numpy as np
 from reference import clamped_cases, cosserat_bvp, rotations
 
 from scan2flex_jax.inference.fitting import fitted
-from scan2flex_jax.inference.posterior import Variant
-from scan2flex_jax.inference.program import slots_of
+from scan2flex_jax.posterior.posterior import Variant
+from scan2flex_jax.posterior.program import slots_of
 from scan2flex_jax.study import MeasuredCurve, Tolerance, Unknown, load_study
 from scan2flex_jax.study.model import Clamp, Study, StudyPose
 

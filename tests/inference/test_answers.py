@@ -14,9 +14,9 @@ import pytest
 from scan2flex_jax.examples import example_path
 from scan2flex_jax.fitting.least_squares import silent
 from scan2flex_jax.inference import explain
-from scan2flex_jax.inference.decision import decide, leads
-from scan2flex_jax.inference.search import Search, scored
-from scan2flex_jax.inference.settings import USUAL
+from scan2flex_jax.posterior.decision import decide, leads
+from scan2flex_jax.posterior.search import Search, scored
+from scan2flex_jax.posterior.settings import USUAL
 from scan2flex_jax.study import MeasuredCurve, load_study
 
 from . import scenes

@@ -7,9 +7,9 @@ import pytest
 
 from scan2flex_jax.errors import NotSettledError, Scan2FlexError, SettingsError
 from scan2flex_jax.inference import Settings, explain, fit
-from scan2flex_jax.inference.decision import _first_of, errors_of_input, lead, led
-from scan2flex_jax.inference.program import Component
 from scan2flex_jax.inference.variants import mesh_figures, variant_of
+from scan2flex_jax.posterior.decision import _first_of, errors_of_input, lead, led
+from scan2flex_jax.posterior.program import Component
 from scan2flex_jax.study import Unknown
 from tests.fitting import scenes as cables
 

@@ -6,9 +6,9 @@ import pytest
 
 from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.effects.moment_law import tangent
-from scan2flex_jax.inference.posterior import price
-from scan2flex_jax.inference.search import contained
-from scan2flex_jax.inference.settings import ODDS, USUAL
+from scan2flex_jax.posterior.posterior import price
+from scan2flex_jax.posterior.search import contained
+from scan2flex_jax.posterior.settings import ODDS, USUAL
 from tests.effects.scene import CONTEXT
 
 STIFFNESS = jnp.diag(jnp.array([1e5, 1e5, 1e4, 0.02, 0.02, 0.015]))

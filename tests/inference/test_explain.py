@@ -18,12 +18,12 @@ from scan2flex_jax.examples import example_path
 from scan2flex_jax.fitting import residual_function
 from scan2flex_jax.fitting.least_squares import silent
 from scan2flex_jax.inference import explain, fit, plan
-from scan2flex_jax.inference.decision import compared, decide, leads
 from scan2flex_jax.inference.planning import ranked_poses
-from scan2flex_jax.inference.program import Component
-from scan2flex_jax.inference.recorded import replayed
-from scan2flex_jax.inference.search import Search, scored
-from scan2flex_jax.inference.settings import Settings
+from scan2flex_jax.posterior.decision import compared, decide, leads
+from scan2flex_jax.posterior.program import Component
+from scan2flex_jax.posterior.recorded import replayed
+from scan2flex_jax.posterior.search import Search, scored
+from scan2flex_jax.posterior.settings import Settings
 from scan2flex_jax.study import Clamp, MeasuredCurve, load_study, save_study
 from scan2flex_jax.study.mistakes import Mistake
 

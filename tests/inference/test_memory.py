@@ -14,9 +14,9 @@ from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.inference import MemoryTest, explain, memory_test
 from scan2flex_jax.inference.memory import _permuted, other_orders
 from scan2flex_jax.inference.planning import variations
-from scan2flex_jax.inference.program import Component, Program
-from scan2flex_jax.inference.settings import USUAL
 from scan2flex_jax.inference.variants import _natural
+from scan2flex_jax.posterior.program import Component, Program
+from scan2flex_jax.posterior.settings import USUAL
 from tests.fitting import scenes as cables
 
 NOISE = 3e-4

@@ -9,11 +9,11 @@ from scipy.interpolate import CubicSpline
 from scipy.stats import multivariate_normal
 
 from scan2flex_jax.effects.catalogue import catalogue, entry_of, fields, laws
-from scan2flex_jax.inference.likelihood import Likelihood, elpd, inverted, left_out
-from scan2flex_jax.inference.priors import Prior
-from scan2flex_jax.inference.program import Component, Index, Program
-from scan2flex_jax.inference.rows import BINS, Rows
-from scan2flex_jax.inference.settings import USUAL
+from scan2flex_jax.posterior.likelihood import Likelihood, elpd, inverted, left_out
+from scan2flex_jax.posterior.priors import Prior
+from scan2flex_jax.posterior.program import Component, Index, Program
+from scan2flex_jax.posterior.rows import BINS, Rows
+from scan2flex_jax.posterior.settings import USUAL
 from scan2flex_jax.study import MeasuredCurve, Tolerance
 
 from . import scenes

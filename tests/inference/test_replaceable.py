@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.effects.catalogue import entry_of
-from scan2flex_jax.inference.program import Component
-from scan2flex_jax.inference.quantities import estimates, known
+from scan2flex_jax.posterior.program import Component
+from scan2flex_jax.posterior.quantities import estimates, known
 
 from . import scenes
 

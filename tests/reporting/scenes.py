@@ -4,7 +4,7 @@ import numpy as np
 
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.inference import Explanation, Hypothesis, PoseChange, Ranked
-from scan2flex_jax.inference.quantities import Field
+from scan2flex_jax.posterior.quantities import Field
 
 EVIL = '</script><script>alert("x")</script> & <b>$\\alpha$</b>'  # a title, and the name of a pose
 

@@ -12,11 +12,11 @@ import pytest
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.inference import Explanation, Law, Reading
-from scan2flex_jax.inference.along import StiffnessAlong
-from scan2flex_jax.inference.answer import moved_in_words
 from scan2flex_jax.reporting import report
 from scan2flex_jax.reporting.contents import contents_of
 from scan2flex_jax.reporting.parts import laws, stiffness
+from scan2flex_jax.results.along import StiffnessAlong
+from scan2flex_jax.results.answer import moved_in_words
 from scan2flex_jax.study.mistakes import Mistake
 from tests.reporting.scenes import EVIL, explained
 

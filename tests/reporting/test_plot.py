@@ -10,7 +10,7 @@ import pytest
 from scan2flex_jax import plot
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.inference import Explanation
-from scan2flex_jax.inference.along import StiffnessAlong
+from scan2flex_jax.results.along import StiffnessAlong
 from tests.reporting.scenes import EVIL, explained
 
 mpl.use("Agg")

@@ -11,8 +11,14 @@ from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.readings import Reading, readings_of
-from scan2flex_jax.inference.along import StiffnessAlong
-from scan2flex_jax.inference.answer import (
+from scan2flex_jax.posterior.estimate import Estimate
+from scan2flex_jax.posterior.law import Law
+from scan2flex_jax.posterior.loops import Loop
+from scan2flex_jax.posterior.posterior import Fitted
+from scan2flex_jax.posterior.quantities import declared, ratios, stable
+from scan2flex_jax.posterior.settings import USUAL, Settings
+from scan2flex_jax.results.along import StiffnessAlong
+from scan2flex_jax.results.answer import (
     EXPLAIN,
     UNBELIEVED,
     Answer,
@@ -23,13 +29,7 @@ from scan2flex_jax.inference.answer import (
     noise_in_words,
     number,
 )
-from scan2flex_jax.inference.estimate import Estimate
-from scan2flex_jax.inference.influence import Influence, influence_of
-from scan2flex_jax.inference.law import Law
-from scan2flex_jax.inference.loops import Loop
-from scan2flex_jax.inference.posterior import Fitted
-from scan2flex_jax.inference.quantities import declared, ratios, stable
-from scan2flex_jax.inference.settings import USUAL, Settings
+from scan2flex_jax.results.influence import Influence, influence_of
 from scan2flex_jax.statics.verdict import SENTENCES
 from scan2flex_jax.study.check import unit_warnings
 from scan2flex_jax.study.mistakes import Mistake
@@ -109,8 +109,8 @@ class Fit:
 
     ``correlation`` is that of the entries named by ``labels``; ``sentences`` state undetermined combinations, values at a
     bound, and last whether the validate poses are predicted (``judgement``; ``valid``, None without such poses).
-    ``reservation``: why it is believed with care at most (`inference.belief`), or empty. ``turned``: sentences on poses whose
-    turns differ from the study's (`inference.branches`); ``in_doubt``: on turns about as likely, and on values elsewhere or
+    ``reservation``: why it is believed with care at most (`posterior.belief`), or empty. ``turned``: sentences on poses whose
+    turns differ from the study's (`posterior.branches`); ``in_doubt``: on turns about as likely, and on values elsewhere or
     other shapes that fit about as well; ``open``: the unknowns that these leave not determined.
     ``noise`` is the sensor's, ``discrepancy`` the deviation that differs from pose to pose. ``misfits``: sentences on fitted
     poses whose residual is not noise. ``mistakes``: likely mistakes of the input, each of which explains the residual
@@ -118,7 +118,7 @@ class Fit:
     residuals in units of noise and discrepancy, and priors. ``mesh``: sentences on the number of elements (`statics.mesh`).
     ``settings``: the thresholds of the validation. ``laws``: the declared laws of bending and torsion, with their bands.
     ``along``: EI along the cable, where a declared effect lets it vary. ``loops``: what is read off declared effects with
-    memory (`inference.loops`).
+    memory (`posterior.loops`).
     """
 
     study: Study = field(repr=False)
@@ -193,7 +193,7 @@ class Fit:
 
     @cached_property
     def influence(self) -> Influence | None:
-        """Sensitivities of the estimates to poses and stated values (`inference.influence`); None for a Hausdorff fit.
+        """Sensitivities of the estimates to poses and stated values (`results.influence`); None for a Hausdorff fit.
 
         The first access solves the poses twice more.
         """
@@ -203,7 +203,7 @@ class Fit:
 
     @property
     def answer(self) -> Answer:
-        """The opening lines of the summary (`inference.answer`)."""
+        """The opening lines of the summary (`results.answer`)."""
         return answer_of(self)
 
     @property

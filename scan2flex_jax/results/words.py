@@ -5,16 +5,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from scan2flex_jax.inference.answer import (
-    Answer,
-    compose,
-    readings_in_words,
-    reliability,
-    two_digits,
-    unseen_in_words,
-    warnings_of,
-)
-from scan2flex_jax.inference.decision import EXPLAINED, NONE, PARTLY, TIE, UNEXPLAINED, UNSOLVED
+from scan2flex_jax.posterior.decision import EXPLAINED, NONE, PARTLY, TIE, UNEXPLAINED, UNSOLVED
+from scan2flex_jax.posterior.estimate import two_digits
+from scan2flex_jax.results.answer import Answer, compose, readings_in_words, reliability, unseen_in_words, warnings_of
 
 Severity = Literal["fine", "doubt", "fault"]
 

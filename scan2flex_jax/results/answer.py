@@ -1,7 +1,7 @@
 """The opening lines of a result: rounded estimates and relative intervals, sensitivities, error on unseen poses, and belief.
 
 A `Fit` and an `Explanation` have one `Answer` each; the summary and the report open with it. The sensitivities to length and
-mass are those of `inference.influence`. A value has as many digits as its interval resolves (`digits_of`).
+mass are those of `results.influence`. A value has as many digits as its interval resolves (`digits_of`).
 """
 
 import textwrap
@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from scan2flex_jax.fitting.noise import Noise
-from scan2flex_jax.inference.influence import STATED, Influence
+from scan2flex_jax.posterior.estimate import two_digits
+from scan2flex_jax.results.influence import STATED, Influence
 from scan2flex_jax.study.check import NO_VALIDATE, study_warnings
 from scan2flex_jax.study.model import Study
 
@@ -27,7 +28,6 @@ _MOST = 6  # largest number of entries of an estimate in the answer: a field alo
 EXPLAIN = "; `scan2flex explain` looks for what is missing"
 _WIDTH = 116  # columns of the answer on a terminal
 _LINEAR = 10.0  # factor beyond which a formula of first order says nothing
-_LEAST = 1e-3  # that is printed of a share, in per cent, or of a sensitivity
 _IDLE = 1e-2  # relative change of an estimate for one of a stated value, below which nothing rests on it
 _MOSTLY = 0.5  # of an interval: exact clamps would leave less
 _SAME = 0.05  # relative difference of sensitivities that are reported as one
@@ -81,7 +81,7 @@ def _wrapped(said) -> list[str]:
 
 
 def rows_of(study: Study, estimates: Mapping) -> tuple[Row, ...]:
-    """One row for each number of the estimates (`inference.estimate.Estimate` by name), stiffnesses first."""
+    """One row for each number of the estimates (`posterior.estimate.Estimate` by name), stiffnesses first."""
     order = sorted(estimates, key=lambda name: list(SYMBOLS).index(name) if name in SYMBOLS else len(SYMBOLS))
     return tuple(row for name in order for row in _rows(study, name, estimates[name]))
 
@@ -142,13 +142,6 @@ def percent(share: float) -> str:
     if not np.isfinite(share):
         return "unknown"
     return f"{two_digits(100.0 * share, sign=True)} %"
-
-
-def two_digits(value: float, sign: bool = False) -> str:
-    """``value`` with two significant digits, never with an exponent, and optionally its sign; ``<0.001`` for less."""
-    if 0.0 < abs(value) < _LEAST:
-        return f"<{_LEAST:g}"
-    return np.format_float_positional(value, precision=2, unique=False, fractional=False, trim="-", sign=sign)
 
 
 def in_mm(metres: float) -> str:

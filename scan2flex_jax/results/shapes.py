@@ -17,9 +17,9 @@ from scan2flex_jax.fitting.least_squares import Minimum, Progress, prefixed
 from scan2flex_jax.fitting.parameters import values_of
 from scan2flex_jax.fitting.poses import bowed
 from scan2flex_jax.fitting.problem import Problem
-from scan2flex_jax.inference.answer import number
-from scan2flex_jax.inference.branches import APART
-from scan2flex_jax.inference.estimate import Estimate, unit_of
+from scan2flex_jax.posterior.branches import APART
+from scan2flex_jax.posterior.estimate import Estimate, unit_of
+from scan2flex_jax.results.answer import number
 from scan2flex_jax.rod.model import Configuration
 
 FEW = 3  # readings of a fit

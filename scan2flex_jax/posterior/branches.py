@@ -31,8 +31,8 @@ from scan2flex_jax.fitting.least_squares import Minimum, prefixed
 from scan2flex_jax.fitting.noise import white_noise
 from scan2flex_jax.fitting.poses import poses_of
 from scan2flex_jax.fitting.start import STIFFNESSES
-from scan2flex_jax.inference.posterior import Variant
-from scan2flex_jax.inference.settings import USUAL, Settings
+from scan2flex_jax.posterior.posterior import Variant
+from scan2flex_jax.posterior.settings import USUAL, Settings
 from scan2flex_jax.study.model import Study
 
 FAR = 0.003  # of the length: RMS distance above which a pose may be on another branch

@@ -28,7 +28,7 @@ import numpy as np
 from scan2flex_jax.effects import BendingLaw, TorsionLaw
 from scan2flex_jax.effects.moment_law import excess_moment, tangent
 from scan2flex_jax.fitting.parameters import Layout, values_of
-from scan2flex_jax.inference.estimate import NORMAL_95
+from scan2flex_jax.posterior.estimate import NORMAL_95
 from scan2flex_jax.rod.energy import excess_strains
 from scan2flex_jax.rod.model import Configuration, Rod
 from scan2flex_jax.study.model import Study

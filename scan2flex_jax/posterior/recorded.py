@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from scan2flex_jax.effects.catalogue import catalogue, fields, laws
-from scan2flex_jax.inference.posterior import Fitted, Variant
-from scan2flex_jax.inference.program import Component
-from scan2flex_jax.inference.search import Scored, Search
+from scan2flex_jax.posterior.posterior import Fitted, Variant
+from scan2flex_jax.posterior.program import Component
+from scan2flex_jax.posterior.search import Scored, Search
 
 Record = dict[str, Any]
 

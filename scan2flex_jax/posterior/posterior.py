@@ -24,11 +24,11 @@ from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.noise import FINEST, sensor_noise, stated_noise
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.quadratic import Quadratic
-from scan2flex_jax.inference.likelihood import Likelihood, Linear, bare, elpd, inverted
-from scan2flex_jax.inference.priors import Prior
-from scan2flex_jax.inference.program import Component, Index, Program
-from scan2flex_jax.inference.rows import Rows
-from scan2flex_jax.inference.settings import USUAL, Settings, odds
+from scan2flex_jax.posterior.likelihood import Likelihood, Linear, bare, elpd, inverted
+from scan2flex_jax.posterior.priors import Prior
+from scan2flex_jax.posterior.program import Component, Index, Program
+from scan2flex_jax.posterior.rows import Rows
+from scan2flex_jax.posterior.settings import USUAL, Settings, odds
 from scan2flex_jax.rod.model import Configuration
 from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.model import Study

@@ -14,12 +14,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from scan2flex_jax.inference.determined import closed_inverse
-from scan2flex_jax.inference.estimate import vague
-from scan2flex_jax.inference.posterior import Fitted, solved
-from scan2flex_jax.inference.priors import Prior
-from scan2flex_jax.inference.program import Program
-from scan2flex_jax.inference.quantities import left_out
+from scan2flex_jax.posterior.determined import closed_inverse
+from scan2flex_jax.posterior.estimate import vague
+from scan2flex_jax.posterior.posterior import Fitted, solved
+from scan2flex_jax.posterior.priors import Prior
+from scan2flex_jax.posterior.program import Program
+from scan2flex_jax.posterior.quantities import left_out
 
 STATED = ("length", "length_density")
 """Properties of the cable that a user measures, and on which every stiffness depends."""

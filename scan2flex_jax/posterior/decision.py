@@ -30,9 +30,9 @@ from scipy import special
 from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.effects.entry import SameShapes
 from scan2flex_jax.fitting.distance import NORMALS
-from scan2flex_jax.inference import belief
-from scan2flex_jax.inference.posterior import Fitted
-from scan2flex_jax.inference.search import Search, describes, same_shapes
+from scan2flex_jax.posterior import belief
+from scan2flex_jax.posterior.posterior import Fitted
+from scan2flex_jax.posterior.search import Search, describes, same_shapes
 from scan2flex_jax.study.mistakes import Mistake
 
 NONE, EXPLAINED, PARTLY, TIE, UNEXPLAINED, UNSOLVED = (

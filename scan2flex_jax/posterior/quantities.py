@@ -12,15 +12,15 @@ from scan2flex_jax.effects.distributed_load import DistributedLoad
 from scan2flex_jax.fitting.discrepancy import Discrepancy, most_likely_part
 from scan2flex_jax.fitting.parameters import layout_of
 from scan2flex_jax.geometry.fields import POINTS, smooth_root
-from scan2flex_jax.inference.determined import Uncertainty, ends, listed, uncertainty
-from scan2flex_jax.inference.estimate import NORMAL_95, Estimate, estimate_of
-from scan2flex_jax.inference.law import KINDS, STIFFNESS, Law, law_at
-from scan2flex_jax.inference.likelihood import inverted, without
-from scan2flex_jax.inference.loops import Loop, loops_of
-from scan2flex_jax.inference.posterior import Fitted, configuration, solved
-from scan2flex_jax.inference.priors import Prior
-from scan2flex_jax.inference.program import Component
-from scan2flex_jax.inference.rows import Rows
+from scan2flex_jax.posterior.determined import Uncertainty, ends, listed, uncertainty
+from scan2flex_jax.posterior.estimate import NORMAL_95, Estimate, estimate_of
+from scan2flex_jax.posterior.law import KINDS, STIFFNESS, Law, law_at
+from scan2flex_jax.posterior.likelihood import inverted, without
+from scan2flex_jax.posterior.loops import Loop, loops_of
+from scan2flex_jax.posterior.posterior import Fitted, configuration, solved
+from scan2flex_jax.posterior.priors import Prior
+from scan2flex_jax.posterior.program import Component
+from scan2flex_jax.posterior.rows import Rows
 from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.kinds import kind_format, kind_names, split_name
 from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown

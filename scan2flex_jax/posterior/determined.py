@@ -10,7 +10,7 @@ import numpy as np
 
 from scan2flex_jax.fitting.parameters import Layout
 from scan2flex_jax.fitting.quadratic import UNSEEN
-from scan2flex_jax.inference.estimate import VAGUE, vague
+from scan2flex_jax.posterior.estimate import VAGUE, vague
 from scan2flex_jax.study.model import Study
 
 _OPEN = 1.0e-4  # singular value over the largest of the unit-column Jacobian: "not determined" (density: 6e-5 by stretching)

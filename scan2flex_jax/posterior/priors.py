@@ -7,7 +7,7 @@ logarithm of an unknown has a weak normal prior about the baseline fit, so that 
 
 import numpy as np
 
-from scan2flex_jax.inference.program import Index, Program
+from scan2flex_jax.posterior.program import Index, Program
 
 _WEAK = 3.0  # standard deviation of the logarithm of an unknown about the baseline fit: a factor of 20
 

@@ -18,6 +18,7 @@ VAGUE = 1.0  # standard deviation of a logarithm (a factor of 2.7) beyond which 
 NORMAL_95 = 1.959964
 _TOUCHING = 1e-9  # in ``x``: nearer to a bound than this is at it
 _LARGEST = 700.0  # logarithm of the largest number
+_LEAST = 1e-3  # that is printed of a share, in per cent, or of a sensitivity
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,13 @@ def unit_of(name: str) -> str:
     """Unit of an unknown by its name."""
     kind, _, parameter = split_name(name)
     return (kind_format(kind).parameter(parameter) if kind else CABLE[name]).unit
+
+
+def two_digits(value: float, sign: bool = False) -> str:
+    """``value`` with two significant digits, never with an exponent, and optionally its sign; ``<0.001`` for less."""
+    if 0.0 < abs(value) < _LEAST:
+        return f"<{_LEAST:g}"
+    return np.format_float_positional(value, precision=2, unique=False, fractional=False, trim="-", sign=sign)
 
 
 def _plain(value):

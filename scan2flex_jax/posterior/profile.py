@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from scan2flex_jax.inference.estimate import NORMAL_95, Estimate
-from scan2flex_jax.inference.posterior import Fitted
+from scan2flex_jax.posterior.estimate import NORMAL_95, Estimate
+from scan2flex_jax.posterior.posterior import Fitted
 
 _RISE = NORMAL_95**2
 _CURVED = 0.1  # standard deviation of a logarithm from which the cost is not a parabola

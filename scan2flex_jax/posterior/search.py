@@ -18,9 +18,9 @@ from scan2flex_jax.effects.catalogue import catalogue, entry_of, fields, laws
 from scan2flex_jax.effects.entry import CatalogueEntry
 from scan2flex_jax.fitting.least_squares import Progress
 from scan2flex_jax.fitting.noise import FINEST
-from scan2flex_jax.inference.likelihood import inverted
-from scan2flex_jax.inference.posterior import SIZES, Fitted, Variant, price, solved
-from scan2flex_jax.inference.program import Component
+from scan2flex_jax.posterior.likelihood import inverted
+from scan2flex_jax.posterior.posterior import SIZES, Fitted, Variant, price, solved
+from scan2flex_jax.posterior.program import Component
 from scan2flex_jax.rod.effect import overriding
 
 _SINGLES, _LEAST, _MORE = 6, 2, 3  # refits by their scores: of single effects, at least, and beside others

@@ -59,7 +59,7 @@ class Settings:
     single reading up to the probability ``outlier`` of so large an outlier, or ``gross`` of one that is large against what the
     values move.
 
-    Decisions (`inference.decision`): ``found``, the least difference (nats) in log predictive density by which a hypothesis
+    Decisions (`posterior.decision`): ``found``, the least difference (nats) in log predictive density by which a hypothesis
     leads; ``tied``, that over its rivals, and ``named``, that of an effect that is named; ``same_misfit``, the difference in
     chi-squared up to which effects with the same shapes are tied; ``averaged``, the difference in evidence up to which models
     are in the intervals; ``explains``, the share of the unexplained displacement that effects beside a discrepancy leave at

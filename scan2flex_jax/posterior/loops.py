@@ -20,6 +20,8 @@ from itertools import pairwise
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
+from jaxtyping import Float
 
 from scan2flex_jax.effects import Dahl, Friction, Relaxation, TorsionFriction
 from scan2flex_jax.rod.energy import excess_strains
@@ -80,7 +82,7 @@ def _values(effect, K, axis, most):
     }  # fmt: skip
 
 
-def cycles(effect: AbstractMemory, K: np.ndarray, axis: int, most: float) -> tuple[float, float]:
+def cycles(effect: AbstractMemory, K: Float[Array | np.ndarray, "6 6"], axis: int, most: float) -> tuple[float, float]:
     """Work (J/m) of the first cycle and of those that follow, in pure bending or twist between ``most`` and ``-most`` (1/m)."""
     stiffness, held = jnp.asarray(K), jnp.asarray(0.0)
 

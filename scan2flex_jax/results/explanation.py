@@ -8,9 +8,16 @@ import numpy as np
 
 from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.noise import Noise
-from scan2flex_jax.inference import belief
-from scan2flex_jax.inference.along import StiffnessAlong
-from scan2flex_jax.inference.answer import (
+from scan2flex_jax.posterior import belief
+from scan2flex_jax.posterior.decision import NAMED, PARTLY, TIED, TOO_LITTLE, UNEXPLAINED, UNSOLVED, Decision
+from scan2flex_jax.posterior.estimate import NORMAL_95, Estimate, two_digits
+from scan2flex_jax.posterior.law import Law
+from scan2flex_jax.posterior.loops import Loop
+from scan2flex_jax.posterior.posterior import Fitted
+from scan2flex_jax.posterior.quantities import Field
+from scan2flex_jax.posterior.settings import USUAL, Settings
+from scan2flex_jax.results.along import StiffnessAlong
+from scan2flex_jax.results.answer import (
     Answer,
     change_in_words,
     digits_of,
@@ -19,18 +26,10 @@ from scan2flex_jax.inference.answer import (
     noise_in_words,
     number,
     percent,
-    two_digits,
 )
-from scan2flex_jax.inference.decision import NAMED, PARTLY, TIED, TOO_LITTLE, UNEXPLAINED, UNSOLVED, Decision
-from scan2flex_jax.inference.estimate import NORMAL_95, Estimate
-from scan2flex_jax.inference.fit_result import Fit, PoseFit, in_words, rms_over
-from scan2flex_jax.inference.influence import Influence, influence_of
-from scan2flex_jax.inference.law import Law
-from scan2flex_jax.inference.loops import Loop
-from scan2flex_jax.inference.posterior import Fitted
-from scan2flex_jax.inference.quantities import Field
-from scan2flex_jax.inference.settings import USUAL, Settings
-from scan2flex_jax.inference.words import answer_of, faults_of
+from scan2flex_jax.results.fit_result import Fit, PoseFit, in_words, rms_over
+from scan2flex_jax.results.influence import Influence, influence_of
+from scan2flex_jax.results.words import answer_of, faults_of
 from scan2flex_jax.study.kinds import kind_format, kind_names
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Study
@@ -167,7 +166,7 @@ class Explanation:
 
     @property
     def misfits(self) -> tuple[str, ...]:
-        """Fitted poses that the final model leaves too far from their curves for noise (`inference.belief.misfits`), in words;
+        """Fitted poses that the final model leaves too far from their curves for noise (`posterior.belief.misfits`), in words;
         none where the effects explain most of the error, and more than noise remains by the verdict itself."""
         if self.fit is None or self.verdict == PARTLY:
             return ()

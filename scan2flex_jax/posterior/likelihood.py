@@ -22,8 +22,8 @@ import numpy as np
 from scipy import optimize
 
 from scan2flex_jax.fitting.noise import FINEST, Noise
-from scan2flex_jax.inference.rows import Rows
-from scan2flex_jax.inference.settings import Settings
+from scan2flex_jax.posterior.rows import Rows
+from scan2flex_jax.posterior.settings import Settings
 
 NONE = 1e-4  # of the usual size of a discrepancy: that counts as none
 _MOST_NOISE, _LONGEST, _MOST_DISCREPANCY = 5e-3, 0.3, 10.0  # of the length, of the length, and over the usual size

@@ -9,9 +9,9 @@ from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.noise import Noise, sensor_noise, white_noise
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.states import Shape
-from scan2flex_jax.inference.answer import two_digits
-from scan2flex_jax.inference.posterior import Fitted
-from scan2flex_jax.inference.settings import USUAL, Settings
+from scan2flex_jax.posterior.estimate import two_digits
+from scan2flex_jax.posterior.posterior import Fitted
+from scan2flex_jax.posterior.settings import USUAL, Settings
 
 
 def misfits(study, poses, length, settings: Settings = USUAL) -> tuple[str, ...]:

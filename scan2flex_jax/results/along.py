@@ -12,9 +12,9 @@ import numpy as np
 from scan2flex_jax.effects.stiffness_field import StiffnessField
 from scan2flex_jax.effects.stiffness_profile import StiffnessProfile
 from scan2flex_jax.effects.stiffness_taper import StiffnessTaper
-from scan2flex_jax.inference.answer import UNBELIEVED
-from scan2flex_jax.inference.posterior import Fitted
-from scan2flex_jax.inference.quantities import averaging, known
+from scan2flex_jax.posterior.posterior import Fitted
+from scan2flex_jax.posterior.quantities import averaging, known
+from scan2flex_jax.results.answer import UNBELIEVED
 
 VARYING = (StiffnessField.kind, StiffnessTaper.kind, StiffnessProfile.kind)
 _TOLD = 5  # places, evenly spaced, at which a summary tells EI
