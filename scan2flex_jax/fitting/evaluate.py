@@ -213,27 +213,28 @@ class Evaluator:
         mapped, start = self.mapped(poses, which, *at), poses.start if start is None else start
         return each_pose(lambda k: self._pose(poses, which[k], mapped[k], one(start, which[k]), near=near), len(which))
 
-    def mapped(self, poses: Poses, which, shared, local, added: Added | None = None, along=()) -> list[_Mapped]:
+    def mapped(
+        self, poses: Poses, which, shared, local, added: Added | list[Added] | None = None, along: Any = ()
+    ) -> list[_Mapped]:
         """Of some poses the states, and their tangents ``along`` places of the vector of each; with None another, smaller
-        function is compiled."""
-        added = added or self.alone
-        of, slots = (_map_of_effects, ()) if added.kinds else (_map_of_study, self.slots)
-        full, split = added.vector, [len(shared), len(shared) + self.layout.local]
-        count = 0 if along is None else len(along)
-        directions = np.zeros((0 if along is None else max(-(-count // FEW), 1) * FEW, len(full)))
-        directions[np.arange(count), np.array(along if count else (), int)] = 1.0
-        out: dict[int, tuple] = {}
+        function is compiled. Of several ``added`` the state of the first, and the tangents of each along places of its own."""
+        several, along = (added, along) if isinstance(added, list) else ([added or self.alone], [along])
+        of, slots = (_map_of_effects, ()) if several[0].kinds else (_map_of_study, self.slots)
+        parts = [(own, None) if at is None else (own, np.array(at[k : k + FEW], int))
+                 for own, at in zip(several, along, strict=True)
+                 for k in range(0, 1 if at is None else max(len(at), 1), FEW)]  # fmt: skip
+        out, base = dict[int, tuple](), self.layout.shared + self.layout.local
         for template, same in poses.similar(which):
             for first in range(0, len(same), LANES):
                 own = same[first : first + LANES]
                 filled = (own * LANES)[:LANES]
                 lane, gravity = np.array(filled), np.stack([np.asarray(poses.template(i).gravity) for i in filled])
-                previous = added.previous[lane] if len(added.previous) else np.zeros((LANES, 0, 3))
+                previous = several[0].previous
+                previous = previous[lane] if len(previous) else np.zeros((LANES, 0, 3))
                 lanes = _Lanes(gravity, one(poses.boundary, lane), np.asarray(local)[lane], previous)
-                given = self.layout, self.elements, added.kinds, template, lanes, np.asarray(shared), full[split[1] :]
-                parts = np.split(directions, max(len(directions) // FEW, 1))
-                found = [of(*given, added.sites, added.scene, slots, part) for part in parts]
-                out |= zip(own, _of_lanes(found, count), strict=False)
+                given = self.layout, self.elements, several[0].kinds, template, lanes, np.asarray(shared)
+                found = [of(*given, x.vector[base:], x.sites, x.scene, slots, _directions(x, at)) for x, at in parts]
+                out |= zip(own, _of_lanes(found, [0 if at is None else len(at) for _, at in parts]), strict=False)
         return [out[i] for i in which]
 
     @property
@@ -259,7 +260,7 @@ class Evaluator:
         mapped = dict(zip(own, self.mapped(self.poses, range(self.poses.count), shared, local, added, along), strict=True))
         none, beyond = np.zeros((history.poses.count, self.layout.local)), len(shared) + self.layout.local
         mapped |= dict(zip(others, self.mapped(history.poses, others, shared, none, added, along), strict=True))
-        places = np.zeros(0, int) if along is None else np.asarray(along, int)
+        places = np.concatenate(along if isinstance(added, list) else [() if along is None else along]).astype(int)
         common = np.flatnonzero((places < len(shared)) | (places >= beyond))
         for q in range(max(own) + 1):
             before = STRAIGHTENED if history.reset[q] else before
@@ -317,15 +318,24 @@ class Evaluator:
         return found
 
 
-def _of_lanes(parts: list[_Mapped], count: int) -> Iterator[_Mapped]:
-    """Of each lane the state and all of its ``count`` tangents, from calls with `FEW` tangents each; None without tangents."""
+def _directions(added: Added, at) -> np.ndarray:
+    """`FEW` directions, the first of them along places ``at`` of the vector; none for None."""
+    out = np.zeros((0 if at is None else FEW, len(added.null)))
+    if at is not None:
+        out[np.arange(len(at)), at] = 1.0
+    return out
+
+
+def _of_lanes(parts: list[_Mapped], counts: list[int]) -> Iterator[_Mapped]:
+    """Of each lane the state of the first of some calls, and so many tangents of each; None without tangents."""
     leaves, structure = jax.tree.flatten(parts[0][0])
     tree = cast(Any, structure)  # jaxtyping hides its methods
     moved = [jax.tree.leaves(each) for _, each in parts]
     state, *moved = [[np.asarray(leaf) for leaf in each] for each in (leaves, *moved)]
-    whole = [each[0] if len(each) == 1 else np.concatenate(each, axis=1) for each in zip(*moved, strict=True)]
+    each = zip(*moved, strict=True)
+    whole = [np.concatenate([leaf[:, :n] for leaf, n in zip(leaves, counts, strict=True)], axis=1) for leaves in each]
     for k in range(LANES):
-        tangents = tree.unflatten([leaf[k, :count] for leaf in whole]) if whole else None
+        tangents = tree.unflatten([leaf[k] for leaf in whole]) if whole else None
         yield tree.unflatten([leaf[k] for leaf in state]), tangents
 
 

@@ -8,7 +8,7 @@ the residual of its points (`fitting.states`, once for all studies). Each costs 
 Units: residuals in m; columns in m per unit of their parameter; amplitudes as in the catalogue (`effects.entry`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,7 +23,7 @@ from jaxtyping import Float
 from scan2flex_jax.effects.catalogue import catalogue, entry_of, fields, laws
 from scan2flex_jax.effects.entry import CatalogueEntry, Context, Site
 from scan2flex_jax.fitting import discrepancy, states
-from scan2flex_jax.fitting.evaluate import Added
+from scan2flex_jax.fitting.evaluate import FEW, Added
 from scan2flex_jax.fitting.parameters import model_at
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.model import Configuration, Rod
@@ -110,6 +110,11 @@ class Program:
             at += len(e.amplitudes) + len(e.moving)
         return out
 
+    @cached_property
+    def held_sites(self) -> frozenset[str]:
+        """The effect types with an energy law, of whose state a site is a part even at zero amplitude."""
+        return frozenset(kind for kind, own in _absent(self.context).items() if states.slots_of(own))
+
     def only(self, which) -> "Program":
         """The same study with the poses ``which``, in this order."""
         some = copy(self)
@@ -131,16 +136,17 @@ class Program:
     def columns(self, components, x, start: Configuration, wanted: list[Component]) -> tuple[list[np.ndarray], np.ndarray]:
         """Per pose the columns (m, 3, K) of the components ``wanted`` at zero amplitude beside those of a hypothesis at its
         equilibrium ``start``, and the one that owns each column."""
-        calls, out = _packed(wanted), []
-        owner = np.concatenate([[k] * len(wanted[k].entry.amplitudes) for call in calls for k in call]).astype(int)
+        calls, out = _packed(wanted, self.held_sites), []
+        owner = np.concatenate([[k] * len(wanted[k].entry.amplitudes) for call in calls for part in call for k in part])
         numbers = self._at(components, x)[:2]
         for call in calls:
-            added = self._added(components, x, [wanted[k] for k in call])
-            own = (self.layout_of_effects[wanted[k].kind] for k in call)
-            along = np.concatenate([np.arange(at, at + count) for at, count, _ in own])
+            held = [wanted[k] for part in call for k in part if wanted[k].kind in self.held_sites]
+            added = [self._added(components, x, [*held, *(wanted[k] for k in part)]) for part in call]
+            places = [[self.layout_of_effects[wanted[k].kind][:2] for k in part] for part in call]
+            along = [np.concatenate([np.arange(at, at + count) for at, count in part]) for part in places]
             found = self.evaluator.shapes(*numbers, start=start, added=added, along=along)
             out.append([shape.columns for shape in found])
-        return [np.concatenate(each, axis=-1) for each in zip(*out, strict=True)], owner
+        return [np.concatenate(each, axis=-1) for each in zip(*out, strict=True)], owner.astype(int)
 
     def scatter(self, components, x, start: Configuration) -> list[np.ndarray]:
         """Per pose the columns (m, 3, k) of its own discrepancy (`fitting.discrepancy`) at an equilibrium, in m per 1/m."""
@@ -203,24 +209,31 @@ def _entries(context: Context) -> list[CatalogueEntry]:
 def slots_of(study) -> tuple[AbstractEffect, ...]:
     """Energy laws of the whole catalogue at zero amplitude, with which `fit` compiles what a search needs."""
     c = Context(1.0, 1.0, 1.0, 1.0, np.asarray(study.gravity, float), (1.0, 2.0), clamped_ends=study.clamped_ends)
-    null = {e.kind: (jnp.zeros(len(e.amplitudes)), e.sites(c)[0] | e.rest(c)) for e in _entries(c)}
-    return states.slots_of([effect for kind, (a, site) in null.items() for effect in entry_of(kind).build(a, site, c)])
+    return states.slots_of([effect for own in _absent(c).values() for effect in own])
 
 
-def _packed(wanted: list[Component]) -> list[list[int]]:
-    """Components in calls of at most `states.WIDTH` amplitudes, each effect type once in a call."""
-    calls: list[tuple[list[int], set[str], int]] = []
-    for k, c in enumerate(wanted):
-        n = len(c.entry.amplitudes)
-        for j, (call, kinds, count) in enumerate(calls):
-            if c.kind not in kinds and count + n <= states.WIDTH:
-                call.append(k)
-                kinds.add(c.kind)
-                calls[j] = call, kinds, count + n
-                break
-        else:
-            calls.append(([k], {c.kind}, n))
-    return [call for call, *_ in calls]
+def _absent(c: Context) -> dict[str, tuple[AbstractEffect, ...]]:
+    """The effects of each type at zero amplitude."""
+    return {e.kind: e.build(jnp.zeros(len(e.amplitudes)), e.sites(c)[0] | e.rest(c), c) for e in _entries(c)}
+
+
+def _packed(wanted: list[Component], held: Collection[str]) -> list[list[list[int]]]:
+    """Components in calls of `states.WIDTH` amplitudes, in parts of at most `FEW`: each effect type once in a part, one whose
+    site is ``held`` once in a call."""
+    calls: list[list[list[int]]] = []
+
+    def room(c, call, part):
+        rivals = {wanted[j].kind for own in (call if c.kind in held else [part]) for j in own}
+        return c.kind not in rivals and sum(len(wanted[j].entry.amplitudes) for j in part) + len(c.entry.amplitudes) <= FEW
+
+    for k in sorted(range(len(wanted)), key=lambda k: -len(wanted[k].entry.amplitudes)):
+        c = wanted[k]
+        own = next((part for call in calls for part in call if room(c, call, part)), None)
+        if own is None:
+            calls.append([[] for _ in range(states.WIDTH // FEW)])
+            own = calls[-1][0]
+        own.append(k)
+    return [[part for part in call if part] for call in calls]
 
 
 def _arrays(site):
