@@ -73,7 +73,7 @@ def _fit(settings, force, quiet, study, *, say, json, save, figure) -> bool:
         asked = f"{', '.join(loaded.unknown_names)} from {_poses(loaded)}{elements}"
         tell(f"{asked}; the first fit compiles first")
         result = run(loaded, **settings, progress=tell)
-        tell("influence of each pose and of the stated values")
+        tell("influence of each pose and of the stated values, and the score of what may be missing")
         said = result.summary()
     say(said)
     if json:

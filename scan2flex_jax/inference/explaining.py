@@ -33,7 +33,6 @@ from scan2flex_jax.posterior.decision import (
     decide,
     errors_of_input,
     leads,
-    of_the_axis,
     smooth,
 )
 from scan2flex_jax.posterior.posterior import Fitted, Variant
@@ -331,7 +330,7 @@ def _of_verdict(d: Decision, kinds) -> Iterator[Finding]:
     """The verdict, and what stands against the likeliest hypotheses where none is established."""
     v, many = d.best.variant, {"effects": listed(kinds), "explains": "explain" if len(kinds) > 1 else "explains"}
     if d.verdict == NONE:
-        if d.cause is not None and of_the_axis(d.empty) and leads(d.cause, d.empty, v.settings.found):
+        if d.cause is not None and belief.of_the_axis(d.empty) and leads(d.cause, d.empty, v.settings.found):
             size = {"mm": 1e3 * d.empty.rms, "percent": 100 * d.empty.rms / v.context.radius_or_guess}
             yield Finding("axis", values=size | {"effects": listed(d.cause.names)})
         else:

@@ -11,6 +11,7 @@ from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.states import Shape
 from scan2flex_jax.posterior.estimate import two_digits
 from scan2flex_jax.posterior.posterior import Fitted
+from scan2flex_jax.posterior.search import scored
 from scan2flex_jax.posterior.settings import USUAL, Settings
 
 
@@ -56,6 +57,24 @@ def reservation(h: Fitted, discrepancy: Discrepancy) -> str:
         return "readings deviate from the model by more than their noise"
     deviate = f"poses deviate from the model by {two_digits(1e3 * discrepancy.rms)} mm"
     return f"{deviate}, beside the noise of {two_digits(1e3 * size)} mm {of}"
+
+
+def overlooked(h: Fitted) -> str:
+    """An effect that the model lacks by its score to first order (Rao's test), in words; empty where none gains as many nats as
+    a finding of `explain` takes. What the estimates absorb leaves a small residual, and predicts the validate poses."""
+    if h.variant.held or of_the_axis(h):
+        return ""
+    kind, best = next(iter(scored(h).items()))
+    if best.gain <= h.variant.settings.found:
+        return ""
+    return f"{kind.replace('_', ' ')} would explain the shapes better ({best.gain:.0f} nats to first order)"
+
+
+def of_the_axis(h: Fitted) -> bool:
+    """Whether the residual of scans may be the error of their axis. Such errors are alike in poses seen alike: nats add up over
+    the poses, and prove nothing."""
+    likelihood = h.variant.likelihood
+    return bool(h.rms <= likelihood.settings.beyond_noise * np.sqrt(NORMALS) * likelihood.axis)
 
 
 def moved(problem: Problem, shapes: Sequence[Shape], real: Sequence[np.ndarray]) -> float:

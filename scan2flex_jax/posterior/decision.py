@@ -29,7 +29,6 @@ from scipy import special
 
 from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.effects.entry import SameShapes
-from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.posterior import belief
 from scan2flex_jax.posterior.posterior import Fitted
 from scan2flex_jax.posterior.search import Search, describes, same_shapes
@@ -129,7 +128,7 @@ def decide(search: Search, mistaken: list[tuple[Mistake, Fitted]], coarse: bool,
     stands = [m for m, h in mistaken if leads(h, empty, s.found) and not (ahead and cause and leads(cause, h, s.found))]
     if stands:
         return Decision(UNEXPLAINED, empty, empty, averaged=(empty,), mistakes=tuple(stands), **rest)
-    if of_the_axis(empty):
+    if belief.of_the_axis(empty):
         rest["p_value"] = 1.0
         return Decision(NONE, empty, empty, (), (empty,), gain=alone, surprised=surprise(empty), **rest)
     likely = [h for h in search.ranked if h.score > search.ranked[0].score - s.averaged]
@@ -161,13 +160,6 @@ def smooth(h: Fitted) -> bool:
     v = h.variant
     taken = v.likelihood.stated is None and not h.discrepant
     return taken and belief.conspicuous(v.likelihood.noise(h.u), v.length, v.settings)
-
-
-def of_the_axis(h: Fitted) -> bool:
-    """Whether the residual of scans may be the error of their axis. Such errors are alike in poses seen alike: nats add up over
-    the poses, and prove nothing."""
-    likelihood = h.variant.likelihood
-    return bool(h.rms <= likelihood.settings.beyond_noise * np.sqrt(NORMALS) * likelihood.axis)
 
 
 def _p_value(h: Fitted, empty: Fitted) -> float:

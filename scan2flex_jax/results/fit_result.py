@@ -11,6 +11,7 @@ from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.readings import Reading, readings_of
+from scan2flex_jax.posterior.belief import overlooked
 from scan2flex_jax.posterior.estimate import Estimate
 from scan2flex_jax.posterior.law import Law
 from scan2flex_jax.posterior.loops import Loop
@@ -175,7 +176,7 @@ class Fit:
     @property
     def reasons_for_care(self) -> tuple[str, ...]:
         """Why its values are reliable with care at most."""
-        careful = (*self.doubts, *([self.reservation + EXPLAIN] if self.reservation else []))
+        careful = (*self.doubts, *(f"{reason}{EXPLAIN}" for reason in (self.reservation, self.overlooked) if reason))
         return (*careful, self.judgement) if self.valid is None else careful
 
     @property
@@ -200,6 +201,15 @@ class Fit:
         if self.distance == "hausdorff" or not np.isfinite(self.cost):
             return None
         return influence_of(self.posterior)
+
+    @cached_property
+    def overlooked(self) -> str:
+        """The effect type that the model lacks by its score to first order (`posterior.belief`), in words; empty without one,
+        and where something else is in doubt.
+
+        The first access scores the catalogue by the functions of `explain`, which it compiles.
+        """
+        return "" if self.faults or self.doubts or self.reservation else overlooked(self.posterior)
 
     @property
     def answer(self) -> Answer:
@@ -231,7 +241,7 @@ class Fit:
             **({} if self.along is None else {"stiffness_along": self.along.to_json()}),
             **({"loops": [loop.to_json() for loop in self.loops]} if self.loops else {}),
             "mistakes": [m.to_json() for m in self.mistakes],
-            "messages": list(self.sentences),
+            "messages": [*([self.overlooked] if self.overlooked else []), *self.sentences],
             "equilibria": self.equilibria,
             "seconds": self.seconds,
             "settings": self.settings.to_json(),

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from reference import clamped_cases
 
 from scan2flex_jax.examples import example_path
 from scan2flex_jax.fitting.least_squares import silent
-from scan2flex_jax.inference import explain
+from scan2flex_jax.inference import explain, fit
 from scan2flex_jax.posterior.decision import decide, leads
 from scan2flex_jax.posterior.search import Search, scored
 from scan2flex_jax.posterior.settings import USUAL
@@ -48,6 +49,17 @@ def test_natural_twist_and_a_roll_of_a_clamp():
     assert found.verdict == "tied"
     assert {"natural_curvature", "clamp_rotation"} <= tied(found)
     assert found.settle
+
+
+@pytest.mark.parametrize("compliance", [0.0, 0.015])  # rad/(N m): a grip that turns by less than a degree
+def test_a_fit_whose_estimates_absorb_a_yielding_grip_is_reliable_with_care_at_most(compliance):
+    """The residual is noise, and the validate pose is predicted; the interval of EI excludes the truth all the same."""
+    whole = scenes.study(compliance=compliance)
+    found = fit(replace(whole, poses=(*whole.poses[:3], replace(whole.poses[3], role="validate"))))
+    low, high = found.estimates["bending_stiffness"].low, found.estimates["bending_stiffness"].high
+    assert found.valid and not found.reservation and (low < clamped_cases.POSE_K[0] < high) is (compliance == 0.0)
+    assert found.answer.belief.startswith("with care: elastic clamp would explain" if compliance else "yes: ")
+    assert (found.overlooked in found.to_json()["messages"]) is (compliance > 0.0)
 
 
 def test_a_single_pose_is_never_explained():
