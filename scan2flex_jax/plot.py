@@ -359,14 +359,14 @@ def law(fit: "Fit | Explanation", kind: str | None = None, ax: Axes | None = Non
     if found is None:
         what = f"no {kind}" if fit.laws else "no bending_law and no torsion_law"
         raise Scan2FlexError(f"the study declares {what}: there is no law to draw")
-    q, told = found.at, np.where(found.reached, found.moment, np.nan)
+    q, moments = found.at, np.where(found.reached, found.moment, np.nan)
     for reached, alpha, label in ((True, 0.3, "95 % band"), (False, 0.1, "not reached by a pose")):
         inside = found.reached == reached
         if np.any(inside):
             wide = inside | np.r_[inside[1:], False] | np.r_[False, inside[:-1]]  # so that the two parts meet
             ax.fill_between(q, found.low, found.high, where=wide, color=_MODELLED, alpha=alpha, lw=0, label=label)
     ax.plot(q, found.moment, "--", color=_MODELLED, lw=1.0)
-    ax.plot(q, told, color=_MODELLED, lw=1.5, label="law")
+    ax.plot(q, moments, color=_MODELLED, lw=1.5, label="law")
     top = min(ax.get_ylim()[1], 2.0 * float(np.max(found.moment)))  # a band that is open at small strains would hide the law
     ax.plot(q, found.stiffness * q, color="#999999", lw=0.8, label="linear")
     ax.set(xlabel=f"{found.strain} (1/m)", ylabel="moment (N m)", xlim=(0.0, q[-1]), ylim=(0.0, top))

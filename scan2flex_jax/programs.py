@@ -162,13 +162,13 @@ class Programs:
 
 def _traced(function: Callable, tree: Any, shapes: list) -> tuple[bytes, Any]:
     """The function of the arrays among its arguments, exported, and its result with `_Shape` for every array."""
-    told: list[Any] = []
+    results: list[Any] = []
 
     def flat(*arrays):
         given = iter(arrays)
         args, kwargs = jax.tree.unflatten(tree, [next(given) if isinstance(leaf, _Shape) else leaf for leaf in shapes])
         result = function(*args, **kwargs)
-        told.append(jax.tree.map(lambda leaf: _Shape.of(leaf) if eqx.is_array(leaf) else leaf, result))
+        results.append(jax.tree.map(lambda leaf: _Shape.of(leaf) if eqx.is_array(leaf) else leaf, result))
         return [leaf for leaf in jax.tree.leaves(result) if eqx.is_array(leaf)]
 
     flat.__name__ = flat.__qualname__ = function.__name__
@@ -176,7 +176,7 @@ def _traced(function: Callable, tree: Any, shapes: list) -> tuple[bytes, Any]:
     try:
         exporting = jax.export.export(jax.jit(flat), disabled_checks=allowed)
         exported = exporting(*(leaf.struct() for leaf in shapes if isinstance(leaf, _Shape)))
-        return bytes(exported.serialize()), told[-1]
+        return bytes(exported.serialize()), results[-1]
     except Exception as error:  # a call that only this process knows, of Python or a library; or a mistake, made again without
         raise UnkeptError from error
 

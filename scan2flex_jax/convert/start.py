@@ -150,10 +150,10 @@ def _markers(folder, files, curve):
 
 def _sparse(poses, length):
     """A note on points with arc lengths that are so far apart that they may be markers."""
-    apart = [np.max(np.diff(p.curve.arc_length)) for p in poses if p.curve is not None and p.curve.arc_length is not None]
-    if not apart or min(apart) < _SPARSE * length:
+    gaps = [np.max(np.diff(p.curve.arc_length)) for p in poses if p.curve is not None and p.curve.arc_length is not None]
+    if not gaps or min(gaps) < _SPARSE * length:
         return []
-    return [f"points with arc lengths, up to {1e3 * max(apart):.3g} mm apart: if they are markers, start again with --markers"]
+    return [f"points with arc lengths, up to {1e3 * max(gaps):.3g} mm apart: if they are markers, start again with --markers"]
 
 
 def _same_unit(files, pose, length, whole):

@@ -129,8 +129,8 @@ def _strings(a, site, c, places):
     softest = _SOFTEST * _tether_size(c)[0]
     for reach in (0.2 * c.length, 0.4 * c.length):
         distance = np.linalg.norm(places - place - reach * pull / tension, axis=1)
-        apart = distance - np.mean(distance)  # all zero in repeats of one pose, which carry no information on the stiffness
-        slope = apart @ forces / max(float(apart @ apart), 1e-300)
+        distances = distance - np.mean(distance)  # all zero in repeats of one pose, which carry no information on the stiffness
+        slope = distances @ forces / max(float(distances @ distances), 1e-300)
         k = np.clip(slope, 6.0 * softest, 200.0 * softest)
         moved = {"position": float(site["position"]), "reach": reach, "place": place, "softest": softest}
         out.append((np.array([_string_amplitude(k, softest), *pull]), moved, {}))

@@ -187,14 +187,14 @@ class Evaluator:
         return Evaluation.of(self.shapes(shared, local, start=start, derivative=derivative))
 
     def shapes(
-        self, shared, local=None, *, start=None, derivative=True, added: Added | None = None, along=None
+        self, shared, local=None, *, start=None, derivative=True, added: Added | list[Added] | None = None, along=None
     ) -> list[states.Shape]:
         """The solved poses; their columns are those of shared, local and added numbers, or ``along`` places of the vector."""
         p = self.poses
         self.equilibria += p.count
         local = np.zeros((p.count, self.layout.local)) if local is None else local
         near, start = start is not None and start is not p.start, p.start if start is None else start
-        if derivative and along is None:
+        if derivative and along is None and not isinstance(added, list):
             along = (added or self.alone).along(len(shared) + self.layout.local)
         at = shared, local, added, along
         if p.history is None:

@@ -175,11 +175,11 @@ class Problem:
 
     def _rivals(self, best, found) -> Iterator[tuple[np.ndarray, float]]:
         """Minima elsewhere that are about as good as the best, each once."""
-        told = [best.shared]
+        reported = [best.shared]
         for m in sorted(found, key=lambda m: m.cost):
             near = np.isfinite(m.cost) and self.rms(m) <= _AS_GOOD * self.rms(best)
-            if near and all(self._apart(m.shared, x) > _ELSEWHERE for x in told):
-                told.append(m.shared)
+            if near and all(self._apart(m.shared, x) > _ELSEWHERE for x in reported):
+                reported.append(m.shared)
                 yield m.shared, self.rms(m)
 
     def _beyond_doubt(self, minimum, goal):

@@ -39,7 +39,7 @@ def middle_root(t: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k k"]:
     return np.linalg.cholesky(K + 1e-9 * np.eye(len(t)))
 
 
-def _matern(apart):
+def _matern(lag):
     """Correlation (-) of the waves at two places so far (-) from one another."""
-    d = np.sqrt(3.0) * np.abs(apart) / WIDE
+    d = np.sqrt(3.0) * np.abs(lag) / WIDE
     return (1.0 + d) * np.exp(-d)

@@ -62,12 +62,12 @@ class Expectation:
         yield f"{self.study.title}: what {poses} pose{'s' * (poses > 1)} will tell, {noise}"
         yield ""
         for name, e in self.estimates.items():
-            told = "not determined: these poses do not show it"
+            words = "not determined: these poses do not show it"
             if e.std is not None and np.all(np.isfinite(e.std)):
                 value, error = np.asarray(e.value), NORMAL_95 * np.asarray(e.std)
                 relative = f"{100 * np.max(np.abs(error / value)):.2g} %" if np.all(value) else f"{np.max(error):.2g} {e.unit}"
-                told = f"to within {relative} (95 %)"
-            yield f"  {name:<24} {told}"
+                words = f"to within {relative} (95 %)"
+            yield f"  {name:<24} {words}"
         yield ""
         yield "  missing effects, the smallest that would be found (alone, and in any direction):"
         for v in (v for v in self.effects if v.size <= _HARDLY):
@@ -132,8 +132,8 @@ def _foreseen(study: Study, noise, elements: int, settings) -> Fitted:
             raise Scan2FlexError(f"pose {pose.name} does not settle at the guesses: {e.verdict.sentence()}")
         poses.append(measured_in_simulation(pose, np.asarray(e.points)[keep]))
         solved.append(jax.tree.map(np.asarray, e.configuration))
-    told = replace(study, poses=tuple(poses))
-    problem = Problem(told, elements, slots=slots_of(told))
+    planned = replace(study, poses=tuple(poses))
+    problem = Problem(planned, elements, slots=slots_of(planned))
     x = np.r_[problem.both_starts()[0], np.zeros(problem.layout.shared - problem.layout.unknowns)]
     local, start = np.zeros((problem.poses.count, problem.layout.local)), jax.tree.map(lambda *c: np.stack(c), *solved)
     minimum = Minimum(x, local, problem.evaluator(x, local, start=start), 0.0, 0, converged=True)

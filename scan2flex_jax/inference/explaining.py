@@ -91,7 +91,7 @@ def explain(
     began, say = time.perf_counter(), progress or silent
     make_room()
     try:
-        study, told = with_curves(study, say)
+        study, notes = with_curves(study, say)
         first, gates, coarse = variants.given(study, elements, mesh, settings, say)
     except NotSettledError as fault:
         return Explanation(study=study, verdict=UNSOLVED, sentences=(str(fault),), seconds=_since(began), settings=settings)
@@ -113,7 +113,7 @@ def explain(
     if decision.mistakes:
         return _mistaken(first.fit.study, decision.mistakes, began, settings)
     say("before and after")
-    answer = replace(_explanation(first, search, decision, began, gates, coarse, told), record=kept)
+    answer = replace(_explanation(first, search, decision, began, gates, coarse, notes), record=kept)
     return answer if answer.believable else withheld(answer)
 
 
@@ -128,7 +128,7 @@ def _mistaken(study, mistakes, began, settings) -> Explanation:
     return Explanation(study=study, verdict=UNEXPLAINED, sentences=said, **rest)
 
 
-def _explanation(first: Variant, search: Search, d: Decision, began, gates, coarse, told) -> Explanation:
+def _explanation(first: Variant, search: Search, d: Decision, began, gates, coarse, notes) -> Explanation:
     best, fitted = d.best, first.fit
     study = best.variant.study
     ranking, every = _ranking(search, d), of.estimates(best, d.averaged)
@@ -138,7 +138,7 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
     discrepancy, laws = of.discrepancy_of(best), of.laws_of(best, d.p_value)
     along, loops = stiffness_along(best, d.averaged), of.loops_in(best)
     noise = best.variant.likelihood.noise(best.u)
-    told = (*told, *repeat_sentences(study), *fitted.turned, *fitted.in_doubt, *fitted.mesh)
+    notes = (*notes, *repeat_sentences(study), *fitted.turned, *fitted.in_doubt, *fitted.mesh)
     findings = _findings(d, chosen, poses, discrepancy, coarse)
     return Explanation(
         study=_established(d),
@@ -154,7 +154,7 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
         estimates=shapes.without({name: every[name] for name in fitted.estimates}, fitted.open),
         poses=poses,
         settle=_settle(d) if d.verdict == TIE else (),
-        sentences=(*map(str, findings), *_read_off(laws, loops), *told),
+        sentences=(*map(str, findings), *_read_off(laws, loops), *notes),
         gates=gates,
         seconds=_since(began),
         load=load,
@@ -357,9 +357,9 @@ def _of_effects(kinds, poses) -> Iterator[Finding]:
     if not kinds:
         return
     yield _change(poses, kinds)
-    told = [p for p in poses.values() if p.left_out is not None and np.isfinite(p.left_out)]
-    if told:
-        yield Finding("better", values={"better": sum(p.left_out < p.left_out_before for p in told), "poses": len(told)})
+    known = [p for p in poses.values() if p.left_out is not None and np.isfinite(p.left_out)]
+    if known:
+        yield Finding("better", values={"better": sum(p.left_out < p.left_out_before for p in known), "poses": len(known)})
     for same in errors_of_input(kinds):
         yield Finding("as_good", "doubt", {"effects": listed(kinds), "other": same.other.replace("_", " "), "when": same.words})
 

@@ -31,7 +31,7 @@ from scan2flex_jax.posterior.settings import USUAL, Settings
 from scan2flex_jax.results import shapes
 from scan2flex_jax.results.along import stiffness_along, withheld
 from scan2flex_jax.results.answer import number
-from scan2flex_jax.results.fit_result import Fit, pose_fits, unsettled
+from scan2flex_jax.results.fit_result import Fit, not_converged, pose_fits
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.study.check import study_warnings, unit_warnings
 from scan2flex_jax.study.model import Study
@@ -138,8 +138,8 @@ def fitted(
     reservation = belief.reservation(posterior, discrepancy)
     verdict = (*filter(None, [reservation]), judgement)
     warned = study_warnings(whole) if misfits or likely else unit_warnings(whole)
-    said = (*warned, *said, *repeat_sentences(whole), *study.assumptions, *([] if minimum.converged else [unsettled(minimum)]))
-    said = (*said, *mesh.sentences(), *turned, *in_doubt)
+    stopped = () if minimum.converged else (not_converged(minimum),)
+    said = (*warned, *said, *repeat_sentences(whole), *study.assumptions, *stopped, *mesh.sentences(), *turned, *in_doubt)
     result = Fit(
         study=whole,
         problem=problem,

@@ -139,8 +139,8 @@ class _Search:
         self.progress("looking for mistakes of the input")
         found = [*self.accepted(self.of_all_poses()), *self.of_one_pose()]
         best = min((refit.off for refit in found), default=0.0)
-        alike = [refit for refit in found if refit.off <= self.settings.alike * best] or self.alone()
-        return tuple(self._with_figures(refit.mistake, refit) for refit in alike)
+        good = [refit for refit in found if refit.off <= self.settings.alike * best] or self.alone()
+        return tuple(self._with_figures(refit.mistake, refit) for refit in good)
 
     def _with_figures(self, mistake, refit) -> Mistake:
         return replace(mistake, before=self.before if np.isfinite(self.before) else None, after=refit.off)

@@ -144,10 +144,10 @@ def remembering(search: Search, say: Progress) -> Iterator[Variant]:
             continue
         say(f"fit with {kind}")
         try:
-            told = fitted(declaring(study, kind), turns=False, mistakes=False, **_as(v) | {"slots": ()})
+            found = fitted(declaring(study, kind), turns=False, mistakes=False, **_as(v) | {"slots": ()})
         except NotSettledError:
             continue
-        yield variant_of(kind, told, -price, kind, v.groups)
+        yield variant_of(kind, found, -price, kind, v.groups)
 
 
 def _strained(v: Variant) -> tuple[np.ndarray, np.ndarray]:

@@ -63,8 +63,8 @@ def nearest(problem, study_poses, doubtful, shared, factor: float = 1.0, within:
     out = {}
     for pose in (p for p, doubt in zip(study_poses, doubtful, strict=True) if doubt and p.end is not None):
         found = {t: _distance(problem, replace(pose, turns=t), shared) for t in (pose.turns, pose.turns - 1, pose.turns + 1)}
-        alike = [t for t in found if found[t] <= _SAME * min(found.values())]
-        best = min(alike, key=abs)  # two turns may pass over the cable and lead to the same shape
+        closest = [t for t in found if found[t] <= _SAME * min(found.values())]
+        best = min(closest, key=abs)  # two turns may pass over the cable and lead to the same shape
         if best != pose.turns and found[best] < min(factor * found[pose.turns], within):
             out[pose.name] = best
     return out

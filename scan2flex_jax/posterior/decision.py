@@ -215,5 +215,5 @@ def _tied(h: Fitted, best: Fitted, empty: Fitted, s) -> bool:
     """Whether two hypotheses of as many effects, each found by itself, cannot be told apart."""
     if len(h.names) != len(best.names) or set(h.names) == set(best.names) or _freer(h, best) or not leads(h, empty, s.found):
         return False
-    alike = len(h.kinds) == len(best.kinds) == 1 and same_shapes(h.kinds[0], best.kinds[0])
-    return not leads(best, h, s.tied, best.log_odds - h.log_odds) or (alike and h.chi2 <= best.chi2 + s.same_misfit)
+    equivalent = len(h.kinds) == len(best.kinds) == 1 and same_shapes(h.kinds[0], best.kinds[0])
+    return not leads(best, h, s.tied, best.log_odds - h.log_odds) or (equivalent and h.chi2 <= best.chi2 + s.same_misfit)

@@ -408,8 +408,8 @@ class Variant:
         score -= self.settings.discrepancy * self.likelihood.discrepant(u) + np.log(2.0) * np.sum(~inside & (prior.width > 0))
         one = [o for c in components for o in (*c.entry.one_sided, *(False,) * len(c.moving))]
         score += np.log(2.0) * sum(o and f for o, f in zip(one, free[n.base :], strict=True))
-        told = np.diag(A) > (1.0 + _INFORMED) * prior.weak  # rounding is all that is left of the precision of the others
-        _, covariance = inverted(A - np.diag(np.where(prior.frozen | ~told, 0.0, prior.weak)))
+        informed = np.diag(A) > (1.0 + _INFORMED) * prior.weak  # rounding is all that is left of the precision of the others
+        _, covariance = inverted(A - np.diag(np.where(prior.frozen | ~informed, 0.0, prior.weak)))
         placed = tuple(
             Component(c.kind, c.site | dict(zip(c.moving, map(float, x[n.site(k)]), strict=True)))
             for k, c in enumerate(components)

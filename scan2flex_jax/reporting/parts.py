@@ -170,25 +170,25 @@ def _telling(c: Contents, name: str) -> Fit | Explanation | None:
 
 def laws(c: Contents) -> Iterator[Html]:
     """Moment over curvature or twist, with its band and what is read off it."""
-    told = _telling(c, "laws")
-    if told is None:
+    subject = _telling(c, "laws")
+    if subject is None:
         return
     panels, rows = [], []
-    for law in told.laws:
-        panels.append(_panel(lambda ax, kind=law.kind: plot.law(told, kind, ax), f"moment of the {law.kind}", _WIDE))
+    for law in subject.laws:
+        panels.append(_panel(lambda ax, kind=law.kind: plot.law(subject, kind, ax), f"moment of the {law.kind}", _WIDE))
         found = [(r.name, number(r.value, 3), f"{number(r.low, 3)} to {number(r.high, 3)}", r.unit) for r in law.readings]
         rows += [(law.kind, *row) for row in found]
-    said = [tag("p", sentence) for law in told.laws for sentence in law.sentences()]
+    said = [tag("p", sentence) for law in subject.laws for sentence in law.sentences()]
     read = [table(("law", "read off it", "value", "95 % interval", "unit"), rows, (2, 3))] if rows else []
     yield section("laws", "Moment over strain", said, tag("div", panels, class_="grid"), *read)
 
 
 def loops(c: Contents) -> Iterator[Html]:
     """Stick and slip stiffness, and the energy of a cycle, of effects with memory."""
-    told = _telling(c, "loops")
-    if told is None:
+    subject = _telling(c, "loops")
+    if subject is None:
         return
-    rows = [(x.kind, x.of, name, number(value, 3), unit) for x in told.loops for name, (value, unit) in x.values.items()]
+    rows = [(x.kind, x.of, name, number(value, 3), unit) for x in subject.loops for name, (value, unit) in x.values.items()]
     said = "Of a section in pure bending or twist, to and fro between the largest strains of the fitted poses."
     head = ("effect", "in", "read off it", "value", "unit")
     yield section("loops", "Hysteresis", tag("p", said, class_="soft"), table(head, rows, (3,)))
@@ -196,11 +196,11 @@ def loops(c: Contents) -> Iterator[Html]:
 
 def stiffness(c: Contents) -> Iterator[Html]:
     """EI along the cable with its band, where it varies."""
-    told = _telling(c, "along")
-    if told is None or told.along is None:
+    subject = _telling(c, "along")
+    if subject is None or subject.along is None:
         return
-    panel = _panel(lambda ax: plot.stiffness(told, ax), "bending stiffness along the cable", _WIDE)
-    said = [tag("p", sentence) for sentence in told.along.sentences()]
+    panel = _panel(lambda ax: plot.stiffness(subject, ax), "bending stiffness along the cable", _WIDE)
+    said = [tag("p", sentence) for sentence in subject.along.sentences()]
     yield section("stiffness", "Stiffness along the cable", said, tag("div", [panel], class_="grid"))
 
 

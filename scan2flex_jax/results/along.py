@@ -17,7 +17,7 @@ from scan2flex_jax.posterior.quantities import averaging, known
 from scan2flex_jax.results.answer import UNBELIEVED
 
 VARYING = (StiffnessField.kind, StiffnessTaper.kind, StiffnessProfile.kind)
-_TOLD = 5  # places, evenly spaced, at which a summary tells EI
+_SHOWN = 5  # places, evenly spaced, at which a summary tells EI
 _VAGUE = 5.0  # factor above which the end of a band is no number to print
 
 
@@ -45,10 +45,10 @@ class StiffnessAlong:
 
     def sentences(self) -> tuple[str, ...]:
         """EI at some places, in words."""
-        places = np.linspace(self.s[0], self.s[-1], _TOLD)
-        told = [f"{x[0]:.3g} {_band(*x)} at {s:.3g} m" for s, x in zip(places, zip(*self.at(places), strict=True), strict=True)]
+        places = np.linspace(self.s[0], self.s[-1], _SHOWN)
+        said = [f"{x[0]:.3g} {_band(*x)} at {s:.3g} m" for s, x in zip(places, zip(*self.at(places), strict=True), strict=True)]
         relative = "" if self.absolute else "; its form is known, its size is not"
-        return (f"EI along the cable (N m^2): {', '.join(told)}{relative}",)
+        return (f"EI along the cable (N m^2): {', '.join(said)}{relative}",)
 
     def to_json(self) -> dict:
         """Lists, under the names of the fields; without a band that is withheld."""

@@ -164,7 +164,7 @@ class Fit:
         unsolved = [name for name, p in self.poses.items() if not p.stable]
         said = [f"the input is likely mistaken: {self.mistakes[0]}"] if self.mistakes else []
         said += [f"{', '.join(unsolved)} could not be solved ({self.poses[unsolved[0]].verdict})"] if unsolved else []
-        said += [] if self.converged else [unsettled(self.minimum)]
+        said += [] if self.converged else [not_converged(self.minimum)]
         said += [f"{misfit}{EXPLAIN}" for misfit in self.misfits[:1]]
         return (*said, *([f"{self.judgement}{EXPLAIN}"] if self.valid is False else []))
 
@@ -189,7 +189,7 @@ class Fit:
         several = _SEVERAL_TURNED.format(len(self.turned)) if len(self.turned) > 1 else _ONE_TURNED
         turned = (several, *self.turned) if self.turned else ()
         judged = (self.judgement,) if self.valid is False else ()
-        open_ = () if self.converged else (unsettled(self.minimum),)
+        open_ = () if self.converged else (not_converged(self.minimum),)
         return (*open_, *self.misfits[:1], *units, *turned, *self.in_doubt, *judged)
 
     @cached_property
@@ -273,7 +273,7 @@ class Fit:
         return lines
 
 
-UNSETTLED = "the fit has not converged within its iterations: its values and intervals are not reliable"
+NOT_CONVERGED = "the fit has not converged within its iterations: its values and intervals are not reliable"
 STALLED = "the fit has stalled: no step lowers its cost as predicted; its values and intervals are not reliable"
 _AS_IT_STANDS = "values and intervals below are those of the study as it stands, and are not reliable"
 _ONE_TURNED = "one pose fits only with another number of full turns than the study states"
@@ -282,9 +282,9 @@ _SEVERAL_TURNED = (
 )
 
 
-def unsettled(minimum: Minimum) -> str:
+def not_converged(minimum: Minimum) -> str:
     """The status of a minimum that has not converged."""
-    return STALLED if minimum.stalled else UNSETTLED
+    return STALLED if minimum.stalled else NOT_CONVERGED
 
 
 def in_words(e: Estimate) -> str:

@@ -136,9 +136,9 @@ def springs(rod: Rod, configuration: Configuration, *, bends: bool = False) -> S
         return jax.jacfwd(slope, has_aux=True)(still) if bends else (None, slope(still)[1])
 
     places, parts = [], []
-    for alike in kinds.values():  # those of one structure are traced once
-        stacked = jax.tree.map(lambda *x: jnp.stack(x), *(effect for _, effect in alike))
-        places += [i for i, _ in alike]
+    for group in kinds.values():  # those of one structure are traced once
+        stacked = jax.tree.map(lambda *x: jnp.stack(x), *(effect for _, effect in group))
+        places += [i for i, _ in group]
         parts.append(jax.vmap(jax.vmap(one, (None, 0)), (0, None))(stacked, each))
     bend, (slope, gap) = jax.tree.map(lambda *x: jnp.concatenate(x)[jnp.argsort(jnp.array(places))], *parts)
     return Springs(gap, slope, bend, _RIGID * each.bending[0] / rod.section.ds**3)

@@ -59,23 +59,23 @@ def _reached(curve, clamp, k, radius):
 
 
 def _of_fit(fit, radius):
-    """Doubts about the last stage: not settled, or pulled off the curve by the points.
+    """Doubts about the last stage: not converged, or pulled off the curve by the points.
 
     Score and information give each station's displacement u (2,) across the curve, and its chi-squared.
     """
-    said = [] if fit.settled else ["the last stage did not converge: look at the picture"]
+    said = [] if fit.converged else ["the last stage did not converge: look at the picture"]
     K = len(fit.points)
     station = _stations(fit)
     at = (np.arange(_STATIONS) + 0.5) / _STATIONS * (K - 1)
     tangent = np.asarray(spline.evaluate(spline.coefficients(jnp.asarray(fit.points)), jnp.asarray(at), 1))
     normals = np.linalg.svd(tangent[:, None])[2][:, 1:]
-    g, told = np.zeros((_STATIONS, 3)), np.zeros((_STATIONS, 3, 3))
+    g, precision = np.zeros((_STATIONS, 3)), np.zeros((_STATIONS, 3, 3))
     np.add.at(g, station, fit.score)
-    np.add.at(told, station, fit.information)
+    np.add.at(precision, station, fit.information)
     g = np.einsum("bni,bi->bn", normals, g)
-    told = np.einsum("bni,bij,bmj->bnm", normals, told, normals)
-    u = np.linalg.solve(told + np.eye(2) / radius**2, g[..., None])[..., 0]
-    significant = np.einsum("bn,bnm,bm->b", u, told, u) > USUAL.significant
+    precision = np.einsum("bni,bij,bmj->bnm", normals, precision, normals)
+    u = np.linalg.solve(precision + np.eye(2) / radius**2, g[..., None])[..., 0]
+    significant = np.einsum("bn,bnm,bm->b", u, precision, u) > USUAL.significant
     size = np.where(significant, np.linalg.norm(u, axis=1), 0.0)
     mean = float(np.sqrt(np.mean(size**2)))
     if mean > max(USUAL.pulled * fit.sigma, USUAL.pulled_radii * radius):

@@ -61,7 +61,7 @@ class Refined:
     parameter: Float[np.ndarray, " n"]
     residual: Float[np.ndarray, " n"]
     weight: Float[np.ndarray, " n"]
-    settled: bool
+    converged: bool
     along_ray: bool
     facing: float
     score: Float[np.ndarray, "n 3"]
@@ -170,17 +170,17 @@ class _Sensor:
 
     def __call__(self, e, blur, side, inside):
         """Score and information (v, n), weight (n,)."""
-        told = inside & (side < USUAL.stray)
+        used = inside & (side < USUAL.stray)
         if self.mixture is None:  # all points this near to the surface must be covered by the mixture
-            near = np.min(np.where(told, np.abs(e), np.inf), axis=0)
+            near = np.min(np.where(used, np.abs(e), np.inf), axis=0)
             near = near[np.isfinite(near)]
             window = max(3.0 * self.radius, 6.0 * self.first, float(np.quantile(near, _NEARLY_ALL)) if len(near) else 0.0)
             self.mixture = sensor_noise.first_guess(self.first, window, len(e), self.band)
         for _ in range(_ROUNDS):
-            judged = sensor_noise.judge(e, blur, side, told, self.mixture)
+            judged = sensor_noise.judge(e, blur, side, used, self.mixture)
             self.mixture = sensor_noise.update(self.mixture, judged, e, inside, _LEAST * self.radius)
         s2 = (self.mixture.sigma * blur) ** 2
-        judged = sensor_noise.judge(e, blur, side, told, self.mixture)
+        judged = sensor_noise.judge(e, blur, side, used, self.mixture)
         self.known = judged.known
         return judged.weight * judged.noise / s2, judged.known * judged.weight / s2, np.sum(judged.weight, axis=0)
 
@@ -192,7 +192,7 @@ def refine(x, points, real, radius: float, eyes=None, noise: float | None = None
     """
     x, real, host = np.array(x), np.asarray(real), np.asarray(points)
     rough, rank = spline.roughness(len(x)), 3 * (len(x) - 3)
-    stiff, settled, facing, sensor = None, False, 1.0, None
+    stiff, converged, facing, sensor = None, False, 1.0, None
     tukey = _Tukey(radius, noise, marks)
     for k in range(_OF_MARKS if marks else _ITERATIONS):
         t, q, tangent, W = (np.asarray(a) for a in _beside(jnp.asarray(x), points))
@@ -224,12 +224,12 @@ def refine(x, points, real, radius: float, eyes=None, noise: float | None = None
             if facing > USUAL.face_eye:
                 breadth = np.quantile(np.linalg.norm(host - q, axis=1)[inside], _NEARLY_ALL)
                 sensor = _Sensor(radius, tukey.sigma, float(breadth))
-        elif k > _RAY_FROM + 3 and noisy.narrow and moved < max(USUAL.settled * noisy.sigma, USUAL.still * radius):
-            settled = True
+        elif k > _RAY_FROM + 3 and noisy.narrow and moved < max(USUAL.converged * noisy.sigma, USUAL.still * radius):
+            converged = True
             break
     away = np.where(real, np.linalg.norm(host - q, axis=1) - radius, np.inf)
     asked = np.einsum("vn,vni->ni", score, n), np.einsum("vn,vni,vnj->nij", info, n, n)
-    return Refined(x, cov, noisy.sigma, t, away, weight * real, settled, sensor is not None, facing, *asked)
+    return Refined(x, cov, noisy.sigma, t, away, weight * real, converged, sensor is not None, facing, *asked)
 
 
 def _held(dx, x):

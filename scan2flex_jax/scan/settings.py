@@ -58,7 +58,7 @@ class ExtractionSettings:
     silhouette: float = 0.98  # rays that pass further out get the surface depth at this distance plus their excess
     stray: float = 1.3  # rays that pass further out miss the cable
     blur: float = 0.2  # noise across the ray over that along it
-    settled: float = 0.03  # sigma: smaller moves of all points end the iteration
+    converged: float = 0.03  # sigma: smaller moves of all points end the iteration
     still: float = 2e-3  # the same where the noise is smaller
 
     # the sensor

@@ -103,8 +103,8 @@ def _closest_approach(points: Curve, radius: float) -> float:
     """Smallest distance (m) between points further apart than pi r along the curve."""
     coarse = points[::8]
     s = arc_length(coarse)
-    apart = np.abs(s[:, None] - s[None]) > np.pi * 2.0 * radius
-    return float(np.min(np.where(apart, cdist(coarse, coarse), np.inf)))
+    far = np.abs(s[:, None] - s[None]) > np.pi * 2.0 * radius
+    return float(np.min(np.where(far, cdist(coarse, coarse), np.inf)))
 
 
 def _largest_curvature(points: Curve) -> float:

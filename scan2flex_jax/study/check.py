@@ -52,8 +52,8 @@ def describe(study: Study, scans: Mapping[str, tuple[int, Annotated[np.ndarray, 
         "Tolerances (standard deviations)": [f"  {key:<24} {_text(value)} {unit}" for key, value, unit in nearly] or ["  none"],
     }
     sections |= {"Declared effects": _effects(study)} if study.effects else {}
-    alike = {name: [other for other in group if other != name] for group in repeats(study) for name in group}
-    poses = [line for p in study.poses for line in ("", *_pose(study, p, (scans or {}).get(p.name), alike.get(p.name, [])))]
+    repeated = {name: [other for other in group if other != name] for group in repeats(study) for name in group}
+    poses = [line for p in study.poses for line in ("", *_pose(study, p, (scans or {}).get(p.name), repeated.get(p.name, [])))]
     sections[f"Poses: {len(study.fit_poses)} to fit, {len(study.validate_poses)} to validate"] = poses
     warnings = study_warnings(study)
     sections["Warnings" if warnings else "No warnings"] = [f"  - {warning}" for warning in warnings]
@@ -112,7 +112,7 @@ def _held(clamp: Clamp | None) -> str:
     return f"clamp{along}" if clamp.hinge is None else f"hinge about {_text(clamp.hinge)}"
 
 
-def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, "3"]] | None, alike: list[str]) -> list[str]:
+def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, "3"]] | None, repeated: list[str]) -> list[str]:
     held = f"start {_held(pose.start)}, end {_held(pose.end)}"
     if pose.start is not None and pose.end is not None:
         held += f", {np.linalg.norm(pose.end.position - pose.start.position):.4g} m apart"
@@ -141,7 +141,7 @@ def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, 
         said["scan"] = f"{scan_name(study, pose)}{points}, guide points {guides}"
     if pose.seen:
         said["noise"] = "not stated" if pose.noise is None else f"{mm(pose.noise)} stated"
-    said |= {"repeats": ", ".join(map(one_line, alike))} if alike else {}
+    said |= {"repeats": ", ".join(map(one_line, repeated))} if repeated else {}
     said |= {} if pose.gravity is None else {"gravity": f"{_text(pose.gravity)} m/s^2 in this pose"}
     said |= {} if pose.time is None else {"measured": f"at {pose.time:.6g} s"}
     said |= {"before": "the cable was taken out and straightened"} if pose.reset else {}
@@ -191,8 +191,8 @@ def study_warnings(study: Study) -> list[str]:
     for pose in () if mistakes else study.poses:
         if pose.markers is not None and len(far := far_neighbours(study, pose)):
             i = int(far[0])
-            apart, along = (np.diff(x[i : i + 2], axis=0) for x in (pose.markers.points, pose.markers.arc_length))
-            off = mm(float(np.linalg.norm(np.nan_to_num(apart))))
+            step, along = (np.diff(x[i : i + 2], axis=0) for x in (pose.markers.points, pose.markers.arc_length))
+            off = mm(float(np.linalg.norm(np.nan_to_num(step))))
             said = f"markers {i + 1} and {i + 2} are {off} apart, and only {mm(float(along[0]))} along the cable"
             warnings.append(f"{one_line(pose.name)}: {said}: correct their s, or their names in the tracking.")
     if carried(study):

@@ -90,11 +90,11 @@ def point_noise(points: Annotated[np.ndarray, "n 3"]) -> float:
     few points casts no doubt; noise above the distance of points is found up to 20 % too small, that of points in a plane by
     the square root of 2."""
     points = np.asarray(points)
-    apart = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    points = points[np.r_[True, apart > 0]]  # repeated points say nothing of the noise
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    points = points[np.r_[True, steps > 0]]  # repeated points say nothing of the noise
     if len(points) < len(_NEIGHBOURS) + 1:
         return np.inf
-    s = np.r_[0.0, np.cumsum(apart[apart > 0])]
+    s = np.r_[0.0, np.cumsum(steps[steps > 0])]
     middle = np.arange(2, len(points) - 2)
     near = middle[:, None] + _NEIGHBOURS
     d = s[near] - s[middle, None]

@@ -89,8 +89,8 @@ def _same_clamp(a: Clamp | None, b: Clamp | None) -> bool:
     if a is None or b is None:
         return a is b
     p, q = a.quaternion, b.quaternion
-    alike = p is q if p is None or q is None else 1.0 - abs(float(p @ q)) < _SAME
-    return alike and np.allclose(a.position, b.position, rtol=0.0, atol=_SAME) and same((a.free, a.hinge), (b.free, b.hinge))
+    parallel = p is q if p is None or q is None else 1.0 - abs(float(p @ q)) < _SAME
+    return parallel and np.allclose(a.position, b.position, rtol=0.0, atol=_SAME) and same((a.free, a.hinge), (b.free, b.hinge))
 
 
 def _to_polyline(points, line):

@@ -57,7 +57,7 @@ def test_a_fit_whose_estimates_absorb_a_yielding_grip_is_reliable_with_care_at_m
     whole = scenes.study(compliance=compliance)
     found = fit(replace(whole, poses=(*whole.poses[:3], replace(whole.poses[3], role="validate"))))
     low, high = found.estimates["bending_stiffness"].low, found.estimates["bending_stiffness"].high
-    assert found.valid and not found.reservation and (low < clamped_cases.POSE_K[0] < high) is (compliance == 0.0)
+    assert found.valid and not found.reservation and bool(low < clamped_cases.POSE_K[0] < high) is (compliance == 0.0)
     assert found.answer.belief.startswith("with care: elastic clamp would explain" if compliance else "yes: ")
     assert (found.overlooked in found.to_json()["messages"]) is (compliance > 0.0)
 
