@@ -18,7 +18,6 @@ from scan2flex_jax.posterior import quantities as of
 from scan2flex_jax.posterior.decision import (
     ABSENT,
     FAVOURED,
-    FEWEST,
     FOUND,
     INCONCLUSIVE,
     NAMED,
@@ -38,7 +37,7 @@ from scan2flex_jax.posterior.decision import (
 from scan2flex_jax.posterior.posterior import Fitted, Variant
 from scan2flex_jax.posterior.recorded import Record, recorded, replayed
 from scan2flex_jax.posterior.search import Search
-from scan2flex_jax.posterior.settings import USUAL, Settings
+from scan2flex_jax.posterior.settings import FEWEST, USUAL, Settings
 from scan2flex_jax.results import shapes
 from scan2flex_jax.results.along import stiffness_along, withheld
 from scan2flex_jax.results.explanation import Explanation, Hypothesis, PoseChange, Ranked

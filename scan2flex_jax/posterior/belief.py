@@ -12,7 +12,7 @@ from scan2flex_jax.fitting.states import Shape
 from scan2flex_jax.posterior.estimate import two_digits
 from scan2flex_jax.posterior.posterior import Fitted
 from scan2flex_jax.posterior.search import scored
-from scan2flex_jax.posterior.settings import USUAL, Settings
+from scan2flex_jax.posterior.settings import FEWEST, USUAL, Settings
 
 
 def misfits(study, poses, length, settings: Settings = USUAL) -> tuple[str, ...]:
@@ -62,7 +62,7 @@ def reservation(h: Fitted, discrepancy: Discrepancy) -> str:
 def overlooked(h: Fitted) -> str:
     """An effect that the model lacks by its score to first order (Rao's test), in words; empty where none gains as many nats as
     a finding of `explain` takes. What the estimates absorb leaves a small residual, and predicts the validate poses."""
-    if h.variant.held or of_the_axis(h):
+    if h.variant.held or len(h.variant.groups) < FEWEST or of_the_axis(h):
         return ""
     kind, best = next(iter(scored(h).items()))
     if best.gain <= h.variant.settings.found:

@@ -32,6 +32,7 @@ from scan2flex_jax.effects.entry import SameShapes
 from scan2flex_jax.posterior import belief
 from scan2flex_jax.posterior.posterior import Fitted
 from scan2flex_jax.posterior.search import Search, describes, same_shapes
+from scan2flex_jax.posterior.settings import FEWEST
 from scan2flex_jax.study.mistakes import Mistake
 
 NONE, EXPLAINED, PARTLY, TIE, UNEXPLAINED, UNSOLVED = (
@@ -43,7 +44,6 @@ NAMED, FAVOURED, TIED, TOO_LITTLE, ABSENT, INCONCLUSIVE = (
 )  # fmt: skip
 
 
-FEWEST = 3  # poses, or groups of repeats, that can establish anything
 _ERRORS, _SURE = 2.0, 0.95  # standard errors of a lead; one-sided level of Student's t, which asks for more of few poses
 
 

@@ -7,6 +7,8 @@ from dataclasses import asdict, dataclass
 
 from scan2flex_jax.errors import SettingsError
 
+FEWEST = 3  # poses, or groups of repeats, that can establish anything
+
 ODDS = {
     "natural_curvature": 1.0, "kink": 1.0, "stiffness_profile": 1.0, "stiffness_taper": 1.0, "stiffness_field": 1.0,
     "density_profile": 1.0, "density_taper": 1.0, "point_mass": 1.0, "elastic_clamp": 1.0, "clamp_rotation": 1.0,
