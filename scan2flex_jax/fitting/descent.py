@@ -7,8 +7,8 @@ continues if these lead to a closer branch.
 A step that went uphill shows how the residual curves along it, ``c = r(end) - r - J step``. The second-order correction
 ``-(J'J + ...)^-1 J' c`` follows the valley whose floor it left: geodesic acceleration, with the refused step in place of a
 finite difference.
-References: More, "The Levenberg-Marquardt algorithm: implementation and theory" (1978); Transtrum and Sethna, "Improvements to
-the Levenberg-Marquardt algorithm for nonlinear least-squares minimization" (2012).
+Reference: Transtrum and Sethna, "Improvements to the Levenberg-Marquardt algorithm for nonlinear least-squares minimization"
+(2012).
 """
 
 import abc
@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from scan2flex_jax.fitting.quadratic import Quadratic
+from scan2flex_jax.fitting.quadratic import GROWTH, Quadratic
 
 _TRUSTED = 4.0  # decrease of the cost by all further steps, at most, over that predicted for a linear step
 _PATIENCE = 3  # steps in a row that predict too little
@@ -105,7 +105,7 @@ def descend(model: Model, point: Point, rules: Rules, damping: float | None = No
 
     ``damping`` is that of the first step, if it is not that of the rules.
     """
-    damping, iteration, stopped, lost = rules.damping if damping is None else damping, 0, False, 0
+    damping, growth, iteration, stopped, lost = rules.damping if damping is None else damping, GROWTH, 0, False, 0
     closer = rules.closer
     afar = rules.bend and closer is not None
     while np.isfinite(point.cost) and iteration < rules.most(point.cost) and damping < rules.give_up:
@@ -120,12 +120,10 @@ def descend(model: Model, point: Point, rules: Rules, damping: float | None = No
             trial, afar = _trial(model, q, point, move, damping, rules, afar)
             rules.progress(f"iteration {iteration}: cost {min(point.cost, trial.cost):.6g}")
             change = q.change(point.cost, trial.cost, trial.x)
-            stopped = bool(abs(change) <= rules.settled(point.cost))
-            if change < 0:
-                stopped |= bool(q.moved(trial.x) < rules.step)
-                point, damping = trial, max(0.1 * damping, rules.least)
-            else:
-                damping = max(10.0 * damping, rules.refused)
+            stopped = bool(abs(change) <= rules.settled(point.cost) or (change < 0 and q.moved(trial.x) < rules.step))
+            damping, growth = map(float, q.damped(damping, growth, change, trial.x))
+            damping = max(damping, rules.least if change < 0 else rules.refused)
+            point = trial if change < 0 else point
         stopped |= rules.judged and damping >= rules.give_up
         if stopped and closer is not None:
             fresh, least = model.at(point.x), point.cost - closer(point.cost)

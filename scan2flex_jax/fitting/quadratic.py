@@ -1,12 +1,15 @@
 """The cost to second order about an iterate, its damped step, and the rule of convergence: one code for the fits.
 
-Levenberg-Marquardt damps the step in the scale of the parameters themselves (Marquardt), independent of their units;
-parameters at a bound that the gradient pushes outwards are fixed. ``xp`` is the array namespace: `numpy` in the host loop
+Levenberg-Marquardt damps the step in the scale of the parameters themselves (Marquardt), independent of their units, and the
+more the less of the predicted decrease the last step has reached (Nielsen); parameters at a bound that the gradient pushes
+outwards are fixed. ``xp`` is the array namespace: `numpy` in the host loop
 (`descent`), `jax.numpy` in the traced one (`traced`).
 
 **Converged** means that an undamped Gauss-Newton step predicts a decrease of the cost that is small against the noise. With
 the cost ``r'r``, half its gradient ``g`` and half its Hessian ``A``, the decrease ``g' A^-1 g`` over the noise variance is the
 squared length of the step in standard errors. A descent that damping has stalled elsewhere predicts more: it has not converged.
+References: More, "The Levenberg-Marquardt algorithm: implementation and theory" (1978); Madsen, Nielsen and Tingleff, "Methods
+for non-linear least squares problems" (2004), Section 3.2.
 """
 
 from functools import cached_property
@@ -19,6 +22,7 @@ CONVERGED = 1.0e-2  # of the noise variance: that below which a descent that sto
 EXACT = 1.0e-9  # of the length: smaller distances are rounding errors of an equilibrium, whatever the residual
 UNSEEN = 1.0e-10  # of the largest column of the Jacobian: a smaller one is rounding, and its parameter keeps its value
 LONGEST = 2.0  # of a step in a logarithm (a factor of 7) or, for other parameters, in units of 1 + |value|
+GROWTH, _LEAST = 2.0, 1.0 / 3.0  # of the damping: after a first refused step; least after a good one
 _WIDE = 60.0  # a range as wide as this does not limit a step
 
 
@@ -67,6 +71,14 @@ class Quadratic:
     def change(self, cost, trial_cost, trial):
         """Change of the cost to that of a ``trial`` (n,), with priors that are scaled anew at every iterate."""
         return trial_cost - cost
+
+    def damped(self, damping, growth, change, trial):
+        """Damping and its growth after a step to ``trial`` (n,) that changed the cost: in a curved valley it settles where
+        most steps go downhill."""
+        xp, move = self.xp, trial - self.x
+        reached = -change / xp.maximum(-(2.0 * self.g + self.A @ move) @ move, 1e-300)
+        less = damping * xp.maximum(_LEAST, 1.0 - (2.0 * xp.minimum(reached, 2.0) - 1.0) ** 3)
+        return xp.where(change < 0, less, damping * growth), xp.where(change < 0, GROWTH, 2.0 * growth)
 
     def moved(self, trial):
         """The largest move of a parameter to ``trial`` (n,)."""

@@ -26,7 +26,7 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.least_squares import COST_TOLERANCE, GIVE_UP, MOST_ITERATIONS, STEP_TOLERANCE
 from scan2flex_jax.fitting.poses import check_distance, check_no_memory
 from scan2flex_jax.fitting.problem import CREDIBLE, FIT_ELEMENTS, LADDER, WEAK, Problem
-from scan2flex_jax.fitting.quadratic import FitQuadratic, rounding_of
+from scan2flex_jax.fitting.quadratic import GROWTH, FitQuadratic, rounding_of
 from scan2flex_jax.fitting.residuals import ResidualFunction, of_poses
 from scan2flex_jax.rod.model import Configuration
 from scan2flex_jax.statics.verdict import SOLVED, Verdict
@@ -83,6 +83,7 @@ class _Descent(NamedTuple):
     value: _Value
     trial: Float[Array, " n"]
     damping: Float[Array, ""]
+    growth: Float[Array, ""]
     iteration: Int[Array, ""]
     evaluations: Int[Array, ""]
     going: Bool[Array, ""]
@@ -181,16 +182,17 @@ def _descend(problem: TracedProblem, begin, most, empty: _Value) -> _Descent:
         better = jnp.where(first, jnp.isfinite(value.cost), change < 0)
         small = ~first & (jnp.abs(change) <= COST_TOLERANCE * d.value.cost)
         small |= ~first & better & (old.moved(d.trial) < STEP_TOLERANCE)
-        damping = jnp.where(first, d.damping, jnp.where(better, jnp.maximum(0.1 * d.damping, 1e-12), 10.0 * d.damping))
+        damped = old.damped(d.damping, d.growth, change, d.trial)
+        damping, growth = _where(first, (d.damping, d.growth), damped)
         x, value = _where(better, (d.trial, value), (d.x, d.value._replace(verdict=_where(first, value, d.value).verdict)))
         q, iteration, solved = _about(problem, value, x, begin), d.iteration + ~first, jnp.isfinite(value.cost)
         going = solved & ~q.stationary() & ~small & (damping < GIVE_UP) & (iteration < most)
         step = q.bounded(q.solved(q.g, damping))
         trial = jnp.where(going, jnp.clip(x + step, problem.low, problem.high), d.trial)
-        return _Descent(x, value, trial, damping, iteration, d.evaluations + 1, going, solved & q.converged())
+        return _Descent(x, value, trial, damping, growth, iteration, d.evaluations + 1, going, solved & q.converged())
 
     no, zero = jnp.array(False), jnp.array(0)
-    state = _Descent(begin, empty, begin, jnp.array(1e-3), zero, zero, ~no, no)
+    state = _Descent(begin, empty, begin, jnp.array(1e-3), jnp.array(GROWTH), zero, zero, ~no, no)
     return jax.lax.while_loop(lambda d: d.going, advance, state)
 
 
@@ -234,7 +236,8 @@ def minimise(problem: TracedProblem, starts: Float[Array | np.ndarray, "starts n
         return _Attempts(costs, at, best, a.iterations + d.iteration, a.evaluations + d.evaluations, going)
 
     zero = jnp.array(0)
-    nothing = _Descent(starts[0], none, starts[0], jnp.array(1e-3), zero, zero, jnp.array(False), jnp.array(False))
+    no = jnp.array(False)
+    nothing = _Descent(starts[0], none, starts[0], jnp.array(1e-3), jnp.array(GROWTH), zero, zero, no, no)
     begun = _Attempts(jnp.full(count, jnp.inf), zero, nothing, zero, zero, jnp.array(True))
     a = jax.lax.while_loop(lambda a: a.going, attempt, begun)
     value = a.best.value

@@ -345,7 +345,7 @@ class Variant:
             Li = self.likelihood.whitening(found.u, found.linear.Z)
             end = self._descend(components, x, shapes, Li, found.wider, most=_LAST)
             if end is not None:
-                found = max(found, self._finished(components, end[0], end[1], found.u, end[2]), key=lambda h: h.score)
+                found = self._finished(components, end[0], end[1], found.u, end[2])
         return found
 
     def _descend(self, components, x, shapes, Li, wider, most: int = _STEPS, hopeless: float = np.inf, zero=(), pinned=None):
