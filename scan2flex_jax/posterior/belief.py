@@ -8,6 +8,7 @@ from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.noise import Noise, sensor_noise, white_noise
 from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.fitting.quadratic import EXACT
 from scan2flex_jax.fitting.states import Shape
 from scan2flex_jax.posterior.estimate import two_digits
 from scan2flex_jax.posterior.posterior import Fitted
@@ -45,7 +46,8 @@ def reservation(h: Fitted, discrepancy: Discrepancy) -> str:
         shown = float(np.sqrt(NORMALS) * np.median(v.problem.first_scale()))
     known, points = np.isfinite(shown), sum(int(np.sum(real)) for real in v.program.real)
     own, move = float(np.sqrt(h.squares / points)), moved(v.problem, h.shapes, v.program.real)
-    if own > v.settings.moved * move and not (known and own <= v.settings.beyond_noise * shown):
+    seen = move > EXACT * v.length  # else the values are not determined, whatever the residuals
+    if seen and own > v.settings.moved * move and not (known and own <= v.settings.beyond_noise * shown):
         share = f"{100 * own / move:.0f} % of what a factor of e in the values moves"
         size = f" of {two_digits(1e3 * own)} mm" if np.any(v.program.poses.seen) else ""
         return f"residuals{size} are {share}: a reading is mistaken, or something is missing"
