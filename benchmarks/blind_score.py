@@ -1,4 +1,4 @@
-"""`explain` over a folder of blind cases, scored against the sealed answers.
+"""`explain` and `fit` over a folder of blind cases, scored against the sealed answers.
 
     python -m benchmarks.blind_score CASES ANSWERS --json FILE [--record blind]
 
@@ -28,8 +28,8 @@ IN_CATALOGUE = {"taper_stiffness": "stiffness_taper", "taper_mass": "density_tap
 
 
 def explained(folder: Path) -> dict:
-    """The result of `explain`, with the cost of the call, or its failure."""
-    from scan2flex_jax.inference import explain  # noqa: PLC0415 - JAX must be set up first
+    """The result of `explain`, with the cost of the call, and that of `fit`; or a failure."""
+    from scan2flex_jax.inference import explain, fit  # noqa: PLC0415 - JAX must be set up first
     from scan2flex_jax.study import load_study  # noqa: PLC0415
 
     began, used = time.perf_counter(), time.process_time()
@@ -41,6 +41,8 @@ def explained(folder: Path) -> dict:
     out = answer.to_json()
     out |= {"processor_seconds": time.process_time() - used, "poses_fitted": len(study.fit_poses)}
     out["ranking"] = out.get("ranking", [])[:6]
+    plain = fit(study)
+    out["fit"] = plain.to_json()["estimates"] if plain.answer.belief.startswith("yes:") else {}
     return out | {"floor": 2**0.5 * answer.noise.total if answer.noise else None}
 
 
@@ -104,6 +106,8 @@ def score(result: dict, answer: dict) -> dict:
         "named_and_wrong": named and not set(kinds) <= accept,
         "both": len(truth) > 1 and truth <= set(kinds), "both_tied": len(truth) > 1 and bool(kinds) and truth <= ties,
     }  # fmt: skip
+    plain = result.get("fit")
+    out |= {} if plain is None else {"fit_without_reserve": bool(plain)} | covered("fit_covers", plain, answer)
     out |= errors(result, answer) | covered("covers", result.get("estimates", {}), about_the_same_axis(answer, chosen))
     return out | (above_background(result, answer, out["in_tie_set"]) if "background" in answer else {})
 
@@ -201,6 +205,12 @@ METRICS: dict[str, Metric] = {
     "place_covered": ("95 % intervals of positions that hold the truth", None, lambda c: known(c.placed, "place_covered")),
     "coverage_95": ("95 % intervals of EI and GJ that hold the truth, after", "92-97 %",
                     lambda c: share(r[k] for r in c.right for k in r if k.startswith("covers_"))),
+    "fit_yes_nothing_missing": ("nothing missing: `fit` is reliable without reserve", None,
+                                lambda c: known(c.none, "fit_without_reserve")),
+    "fit_yes_above_1.5": ("an effect of strength above 1.5, in or outside the catalogue: `fit` without reserve", None,
+                          lambda c: known([r for r in c.placed + c.off if r["strength"] > 1.5], "fit_without_reserve")),
+    "fit_coverage_95": ("`fit` without reserve: 95 % intervals of EI and GJ that hold the truth", "92-97 %",
+                        lambda c: share(r[k] for r in c.every for k in r if k.startswith("fit_covers_"))),
 }  # fmt: skip
 """By name: words, target, and a share with its count or a number, from the classes of a run."""
 
