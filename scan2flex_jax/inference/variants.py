@@ -174,20 +174,12 @@ def _gain(h: Fitted, kind: str, excess, stiffness) -> float:
     u, _ = v.likelihood.without(h.linear, h.u)
     wr, wX, wS = v.likelihood.white(u, h.linear, S)
     A, g = h.linear.normal(wr, wX)
-    cross = sum_over_poses(h.linear, wX, wS, len(A))
+    cross = h.linear.crossed(wX, wS)
     flat = wS.reshape(-1, wS.shape[2])
     b = -(flat.T @ wr.ravel() - cross.T @ np.linalg.lstsq(A, g, rcond=1e-12)[0])
     M = np.sum(flat**2, axis=0) - np.sum(cross * np.linalg.lstsq(A, cross, rcond=1e-12)[0], axis=0)
     share = np.clip(b / np.maximum(M, 1e-300), 0.0, 1.0)
     return float(np.max(share * b - 0.5 * share**2 * M))
-
-
-def sum_over_poses(linear, wX, wS, count: int) -> np.ndarray:
-    """``X' S`` (count, k) of white rows, over the poses."""
-    cross = np.zeros((count, wS.shape[2]))
-    for i, at in enumerate(linear.at):
-        cross[at] += wX[i].T @ wS[i]
-    return cross
 
 
 @lightly_compiled

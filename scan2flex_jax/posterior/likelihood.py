@@ -59,6 +59,13 @@ class Linear:
             g[at] += gg[i]
         return A, g
 
+    def crossed(self, wX, wS) -> np.ndarray:
+        """``X' S`` (k, m) of all parameters with further columns ``S``, from white rows, over the poses."""
+        out = np.zeros((len(self.precision), wS.shape[2]))
+        for i, at in enumerate(self.at):
+            out[at] += wX[i].T @ wS[i]
+        return out
+
 
 class Likelihood:
     """Log likelihood (nats) of the sizes ``u`` given a linear hypothesis; ``stated`` (m) noise or None, ``axis`` (m) that of

@@ -332,9 +332,7 @@ class Screen:
             alone = v.likelihood(u, lin, gradient=False) - v.settings.discrepancy * v.likelihood.discrepant(u)
             wr, wX, wS = v.likelihood.white(u, lin, S)
             A, g = lin.normal(wr, wX)
-            cross = np.zeros((len(A), wS.shape[2]))
-            for i, at in enumerate(lin.at):
-                cross[at] += wX[i].T @ wS[i]
+            cross = lin.crossed(wX, wS)
             flat, projected = wS.reshape(-1, wS.shape[2]), inverted(A)[1] @ cross
             b = -(flat.T @ wr.ravel() - projected.T @ g) * size
             self.ladder.append((alone, (flat.T @ flat - cross.T @ projected) * np.outer(size, size), b))
