@@ -76,8 +76,9 @@ class Quadratic:
         """Damping and its growth after a step to ``trial`` (n,) that changed the cost: in a curved valley it settles where
         most steps go downhill."""
         xp, move = self.xp, trial - self.x
-        reached = -change / xp.maximum(-(2.0 * self.g + self.A @ move) @ move, 1e-300)
-        less = damping * xp.maximum(_LEAST, 1.0 - (2.0 * xp.minimum(reached, 2.0) - 1.0) ** 3)
+        predicted = xp.maximum(-(2.0 * self.g + self.A @ move) @ move, 1e-300)
+        reached = xp.clip(-change, 0.0, 2.0 * predicted) / predicted
+        less = damping * xp.maximum(_LEAST, 1.0 - (2.0 * reached - 1.0) ** 3)
         return xp.where(change < 0, less, damping * growth), xp.where(change < 0, GROWTH, 2.0 * growth)
 
     def moved(self, trial):

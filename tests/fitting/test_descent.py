@@ -52,3 +52,4 @@ def test_damping_falls_by_what_a_step_reaches_and_grows_faster_with_each_refusal
     assert q.damped(0.3, 8.0, 0.5 * foreseen, step) == (pytest.approx(0.3), GROWTH)  # half of it
     assert q.damped(0.3, GROWTH, 1.0, step) == (pytest.approx(0.6), 4.0)
     assert q.damped(0.6, 4.0, np.inf, step) == (pytest.approx(2.4), 8.0)  # no equilibrium there
+    assert q.damped(0.3, 8.0, -1e300, 1e-200 * step) == (pytest.approx(0.1), GROWTH)  # far more than predicted
