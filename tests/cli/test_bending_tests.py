@@ -17,6 +17,7 @@ def said(*arguments):
     return found.output
 
 
+@pytest.mark.slow
 def test_from_five_rows_to_the_stiffness_in_two_commands(tmp_path):
     """A beam on supports that bends by a tenth of its span; deflections are read to 0.01 mm."""
     rows = [f"{f:g};{1e3 * deflection(f):.2f}".replace(".", ",") for f in FORCES]

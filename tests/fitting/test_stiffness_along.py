@@ -23,6 +23,7 @@ def declared(name, seed, **parameters):
     return replace(study, effects=(*study.effects, field), unknowns=(*study.unknowns, Unknown("stiffness_field.log_factor")))
 
 
+@pytest.mark.slow
 def test_ei_along_a_cone_is_found_with_its_band(tmp_path):
     """A cone whose EI falls fifty times, all nine places unknown; told in words, in JSON and as a curve."""
     study = declared("cone 50", 1)
