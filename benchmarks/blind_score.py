@@ -42,7 +42,8 @@ def explained(folder: Path) -> dict:
     out |= {"processor_seconds": time.process_time() - used, "poses_fitted": len(study.fit_poses)}
     out["ranking"] = out.get("ranking", [])[:6]
     plain = fit(study)
-    out["fit"] = plain.to_json()["estimates"] if plain.answer.belief.startswith("yes:") else {}
+    said = {"reliable": plain.answer.belief.partition(":")[0], "overlooked": plain.overlooked}
+    out["fit"] = said | {"estimates": plain.to_json()["estimates"]}
     return out | {"floor": 2**0.5 * answer.noise.total if answer.noise else None}
 
 
@@ -106,8 +107,8 @@ def score(result: dict, answer: dict) -> dict:
         "named_and_wrong": named and not set(kinds) <= accept,
         "both": len(truth) > 1 and truth <= set(kinds), "both_tied": len(truth) > 1 and bool(kinds) and truth <= ties,
     }  # fmt: skip
-    plain = result.get("fit")
-    out |= {} if plain is None else {"fit_without_reserve": bool(plain)} | covered("fit_covers", plain, answer)
+    if plain := result.get("fit"):
+        out |= {"fit": plain["reliable"], "fit_overlooked": plain["overlooked"]} | covered("fit", plain["estimates"], answer)
     out |= errors(result, answer) | covered("covers", result.get("estimates", {}), about_the_same_axis(answer, chosen))
     return out | (above_background(result, answer, out["in_tie_set"]) if "background" in answer else {})
 
@@ -205,12 +206,6 @@ METRICS: dict[str, Metric] = {
     "place_covered": ("95 % intervals of positions that hold the truth", None, lambda c: known(c.placed, "place_covered")),
     "coverage_95": ("95 % intervals of EI and GJ that hold the truth, after", "92-97 %",
                     lambda c: share(r[k] for r in c.right for k in r if k.startswith("covers_"))),
-    "fit_yes_nothing_missing": ("nothing missing: `fit` is reliable without reserve", None,
-                                lambda c: known(c.none, "fit_without_reserve")),
-    "fit_yes_above_1.5": ("an effect of strength above 1.5, in or outside the catalogue: `fit` without reserve", None,
-                          lambda c: known([r for r in c.placed + c.off if r["strength"] > 1.5], "fit_without_reserve")),
-    "fit_coverage_95": ("`fit` without reserve: 95 % intervals of EI and GJ that hold the truth", "92-97 %",
-                        lambda c: share(r[k] for r in c.every for k in r if k.startswith("fit_covers_"))),
 }  # fmt: skip
 """By name: words, target, and a share with its count or a number, from the classes of a run."""
 
@@ -230,6 +225,21 @@ BACKGROUND: dict[str, Metric] = {
         "share": sum(r.get("parameters_covered", 0) for r in c.one) / max(1, sum(r.get("parameters", 0) for r in c.one)),
         "of": sum(r.get("parameters", 0) for r in c.one)}),
 }  # fmt: skip
+
+
+def reliable(rows: list[dict]) -> list[tuple[str, dict, dict]]:
+    """How often `fit` alone says yes, and how often the intervals of EI and GJ beside a yes hold: in words, without the score
+    of effects that its estimates may have absorbed (`Fit.overlooked`), and with it."""
+    rows = [r for r in rows if "fit" in r]
+    yes = [lambda r: r["fit"] == "yes" or bool(r["fit_overlooked"]), lambda r: r["fit"] == "yes"]
+    kinds = {
+        "nothing missing: yes": [r for r in rows if r["class"] == "none"],
+        "an effect of strength below 1.5: yes": [r for r in rows if r["class"] != "none" and r["strength"] < 1.5],
+        "an effect of strength above 1.5: yes": [r for r in rows if r["class"] != "none" and r["strength"] >= 1.5],
+    }
+    out = [(words, *(share(y(r) for r in some) for y in yes)) for words, some in kinds.items()]
+    held = [share(r[f"fit_{k}"] for r in rows if y(r) for k in STIFFNESSES if f"fit_{k}" in r) for y in yes]
+    return [*out, ("yes: 95 % intervals of EI and GJ that hold the truth", *held)]
 
 
 def scored(rows: list[dict]) -> list[tuple]:
@@ -255,8 +265,8 @@ def main() -> None:
     args.json.write_text(json.dumps({"rows": rows, "results": results}, indent=1) + "\n")
     if args.record:
         record(args.record, {"rows": rows})
-    for words, value, _ in scored(list(rows.values())):
-        print(f"{words}: {value}")
+    for words, *values in (*scored(list(rows.values())), *reliable(list(rows.values()))):
+        print(f"{words}: {', '.join(map(str, values))}")
 
 
 if __name__ == "__main__":
