@@ -35,7 +35,7 @@ def test_a_shape_that_no_stiffness_moves_is_no_mistaken_reading():
     tip = Markers([[np.round(np.sin(1.0), 6), np.nan, np.round(np.cos(1.0) - 1.0, 6)]], [1.0])
     pose = {"name": "tip", "start": ([0.0, 0.0, 0.0], [np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0]), "markers": tip}
     cable = {"length": 1.0, "length_density": 0.2, "torsional_stiffness": 0.1}
-    study = Study.from_arrays(cable, [pose], [Unknown("bending_stiffness")], effects=(bent,), gravity=(0.0, 0.0, 0.0))
+    study = Study.from_arrays(cable, [pose], [Unknown("bending_stiffness")], effects=(bent,), gravity=np.zeros(3))
     f = fit(study, elements=scenes.ELEMENTS)
     assert f.rms() < 1e-6 and not f.estimates["bending_stiffness"].identifiable
     assert not f.reservation and "these poses do not determine EI" in f.answer.belief
