@@ -36,12 +36,13 @@ def explained(folder: Path) -> dict:
     try:
         study = load_study(folder)
         answer = explain(study)
+        spent = time.process_time() - used
+        plain = fit(study)
     except Exception as fault:  # a benchmark counts failures
         return {"fault": f"{type(fault).__name__}: {fault}"[:300], "seconds": time.perf_counter() - began}
     out = answer.to_json()
-    out |= {"processor_seconds": time.process_time() - used, "poses_fitted": len(study.fit_poses)}
+    out |= {"processor_seconds": spent, "poses_fitted": len(study.fit_poses)}
     out["ranking"] = out.get("ranking", [])[:6]
-    plain = fit(study)
     said = {"reliable": plain.answer.belief.partition(":")[0], "overlooked": plain.overlooked}
     out["fit"] = said | {"estimates": plain.to_json()["estimates"]}
     return out | {"floor": 2**0.5 * answer.noise.total if answer.noise else None}
@@ -265,8 +266,10 @@ def main() -> None:
     args.json.write_text(json.dumps({"rows": rows, "results": results}, indent=1) + "\n")
     if args.record:
         record(args.record, {"rows": rows})
-    for words, *values in (*scored(list(rows.values())), *reliable(list(rows.values()))):
-        print(f"{words}: {', '.join(map(str, values))}")
+    for words, value, _ in scored(list(rows.values())):
+        print(f"{words}: {value}")
+    for words, without, value in reliable(list(rows.values())):
+        print(f"`fit`, {words}: {without} without the score, {value} with it")
 
 
 if __name__ == "__main__":

@@ -125,7 +125,7 @@ PAGES[README] = {"rod": rod, "find": find, "works": works, "answer": answer}
 # Accuracy
 
 
-@table("accuracy.md", "blind", ("", "60 studies", "54 further ones", "target"), "blind", "blind_further")
+@table("accuracy.md", "blind", ("", "seed 20261130", "seeds 20261301 and 20261303", "target"), "blind", "blind_further")
 def blind(*results):
     of = [list(found["rows"].values()) for found in results]
     for (words, first, target), (_, second, _) in zip(*map(by_metric, of), strict=True):

@@ -74,7 +74,8 @@ def contents_of(subject: Fit | Explanation, *, next_pose: bool = True, progress=
     said = fitted.sentences if fitted else ()
     if explanation:
         said = (*explanation.sentences, *(f"baseline fit: {sentence}" for sentence in said))
-    progress("score of what may be missing" if explanation is None else "answer")
+    if explanation is None:
+        progress("score of what may be missing")
     answer = subject.answer
     said = tuple(sentence for sentence in said if sentence not in answer.warnings)
     return Contents(

@@ -11,10 +11,11 @@ from typer.testing import CliRunner
 from scan2flex_jax.cli.app import app
 from scan2flex_jax.convert import measured_files, new_study
 from scan2flex_jax.inference import Settings, fit
-from scan2flex_jax.results.answer import rests_on
 from scan2flex_jax.study import Clamp, Tolerance, load_study
 from tests.reference import cantilever, write_values
 from tests.reference.clamped_cases import POSE_WEIGHT
+
+from . import scenes
 
 CASES = Path(__file__).parents[1] / "data" / "clamps_from_curves"
 WEIGHT = POSE_WEIGHT / 9.81  # kg/m
@@ -86,9 +87,9 @@ def test_exact_clamps_would_leave_a_part_of_the_interval(tmp_path):
     true = replace(taken, tolerance=Tolerance(), poses=(replace(taken.poses[0], start=start, end=end),))
     wide, narrow = fit(taken), fit(true)
     widths = [np.log(e.high / e.low) for e in (f.estimates["bending_stiffness"] for f in (wide, narrow))]
-    assert narrow.influence.exact_clamps is None and "exact ones" not in rests_on(true, narrow.influence)
+    assert narrow.influence.exact_clamps is None and "exact ones" not in scenes.summary_of(narrow)
     assert wide.influence.exact_clamps[0] == pytest.approx(widths[1] / widths[0], rel=0.3)
-    assert "clamps are fitted within their tolerance" in rests_on(taken, wide.influence)
+    assert "clamps are fitted within their tolerance" in scenes.summary_of(wide)
 
 
 @pytest.mark.slow

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.inference import fit
-from scan2flex_jax.results.fit_result import in_words
 from scan2flex_jax.study import EffectDeclaration, Markers, Study, Tolerance, Unknown, load_study
 from tests.reference import rotations
 
@@ -26,7 +25,7 @@ def test_only_the_ratio_to_the_density():
     density = f.estimates["length_density"].value
     for name, value in scenes.TRUE.items():
         np.testing.assert_allclose(f.estimates[name].value / density, value / 0.2, rtol=2e-2)
-    assert all("NOT DETERMINED" in in_words(e) for e in f.estimates.values())
+    assert "NOT DETERMINED" in scenes.summary_of(f)
 
 
 def test_a_shape_that_no_stiffness_moves_is_no_mistaken_reading():

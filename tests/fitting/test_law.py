@@ -58,6 +58,7 @@ def test_linear_is_said_of_the_linear_law_alone(found):
     assert law.linear == (name == "linear")
     (said,) = [s for s in result.sentences if s.startswith("bending_law")]
     assert ("not linear" in said) == (name != "linear")
+    assert said in scenes.summary_of(result)
 
 
 def test_what_is_read_off_has_the_truth_in_its_interval(found):

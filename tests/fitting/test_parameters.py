@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from scan2flex_jax.fitting import residual_function
 from scan2flex_jax.fitting.parameters import layout_of, model_at, start_vector, template, values_of
 from scan2flex_jax.inference import fit
-from scan2flex_jax.results.fit_result import in_words
 from scan2flex_jax.study import EffectDeclaration, Tolerance, Unknown, load_study, save_study
 
 from . import scenes
@@ -75,7 +74,7 @@ def test_a_field_along_the_cable(tmp_path):
     np.testing.assert_allclose(f.estimates["bending_stiffness"].value, 0.1, rtol=1e-3)
     np.testing.assert_allclose(f.estimates[name].value, truth[name], atol=0.01)
     assert f.estimates[name].unit == "1/m" and len(f.labels) == 10
-    line = in_words(f.estimates[name])
+    line = next(line for line in scenes.summary_of(f).splitlines() if name in line)
     assert line.count("[") == 9 and line.endswith("1/m")  # an interval for each of nine numbers
     save_study(f.calibrated, tmp_path)
     again = load_study(tmp_path)
@@ -141,7 +140,7 @@ def test_range_is_kept_and_the_bound_is_flagged(tmp_path):
     assert held.at_bound and 0.104 <= held.value < 0.104 * (1 + 1e-9)
     assert not f.estimates["torsional_stiffness"].at_bound
     assert any("bending_stiffness lies at a bound" in s for s in f.sentences)
-    assert "AT A BOUND" in in_words(held)
+    assert "AT A BOUND" in scenes.summary_of(f)
     np.testing.assert_array_equal(f.influence.moved[:, 0], 0.0)
     save_study(f.calibrated, tmp_path)
     assert load_study(tmp_path).start_value("bending_stiffness") == held.value
